@@ -44,7 +44,7 @@ fn tiles_of_workers_are_the_pixels_of_one_process_and_a_dead_worker_stalls_nothi
     let frame = viewer.until(0.3, "a frame of all", |viewer, frame| {
         full(frame) && frame.is_shared() && both(viewer, &workers)
     });
-    assert_eq!(frame.pixels(), alone(0.3));
+    assert!(frame.pixels() == alone(0.3), "other pixels");
 
     // One dies while the camera moves.
     let dead = workers.remove(0);
@@ -63,7 +63,7 @@ fn tiles_of_workers_are_the_pixels_of_one_process_and_a_dead_worker_stalls_nothi
     let frame = viewer.until(0.3, "more tiles of the other", |viewer, frame| {
         full(frame) && frame.is_shared() && viewer.of("w1", "tiles") > before + 20
     });
-    assert_eq!(frame.pixels(), alone(0.3), "the picture goes on");
+    assert!(frame.pixels() == alone(0.3), "other pixels after a death");
     let late = viewer.of(&name, "late");
     assert!((1..=2).contains(&late), "{late} tiles of the dead one were late: {:?}", viewer.workers);
     let metrics = String::from_utf8(service.get("/metrics").body).expect("text");
@@ -113,8 +113,8 @@ fn workers_render_tiles_with_keys_and_beside_units() {
         let plain = viewer.until(0.1, "a frame in full size", |_, frame| full(frame)).pixels();
         viewer.edit(0, &edit);
         let edited = viewer.until(0.1, "a frame in full size", |_, frame| full(frame)).pixels();
-        assert_ne!(edited, plain);
+        assert!(edited != plain, "the edit shows");
         edited
     };
-    assert_eq!(frame.pixels(), other);
+    assert!(frame.pixels() == other, "other pixels with an edit");
 }

@@ -43,16 +43,34 @@ pub(super) struct SharedFrame {
     slots: Vec<Slot>,
     /// The rows of the coarse frame under way.
     filling: Option<Range<u32>>,
+    /// Whether the exposure of the next frame follows from this one.
+    is_metered: bool,
     light: Light,
 }
 
 impl SharedFrame {
+    /// The same frame, with which the exposure of the next one is measured or not.
+    pub fn metered(self, is_metered: bool) -> Self {
+        Self { is_metered, ..self }
+    }
+
     /// A frame with a number. Nothing of it has come.
     pub fn new(number: u64, size: [u32; 2], look: Look, split: Split, deadline: Instant) -> Self {
         let slot =
             |(_, rows): &(String, Range<u32>)| Slot { rows: rows.clone(), is_lost: false, content: None };
         let slots = split.tiles.iter().map(slot).collect();
-        Self { number, size, look, split, deadline, own: None, slots, filling: None, light: Light::default() }
+        Self {
+            number,
+            size,
+            look,
+            split,
+            deadline,
+            own: None,
+            slots,
+            filling: None,
+            is_metered: false,
+            light: Light::default(),
+        }
     }
 
     /// The frame's number.
@@ -79,7 +97,9 @@ impl SharedFrame {
     pub fn take(&mut self, image: Image) -> Option<u32> {
         let Some(rows) = self.filling.take() else {
             let rows = image.height;
-            self.light = self.light.and(Light::of(&image));
+            if self.is_metered {
+                self.light = self.light.and(Light::of(&image));
+            }
             self.own = Some(image);
             return Some(rows);
         };
@@ -184,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_frame_is_complete_with_all_parts_in_any_order() {
-        let mut shared = frame();
+        let mut shared = frame().metered(true);
         shared.put(tile(48..70));
         assert!(!shared.waits() && !shared.is_complete());
         assert_eq!(shared.take(image(40, 16, 0.5)), Some(16));

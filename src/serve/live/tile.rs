@@ -66,6 +66,8 @@ pub(super) fn jpeg_of(image: &Image, look: &Look) -> Result<Vec<u8>, String> {
 impl TileScene {
     /// A scene without edits.
     pub fn new(prepared: &PreparedScene, service: &Arc<Service>) -> Self {
+        // The first tile has no time to make it.
+        table(View::default());
         let camera = first_camera(prepared);
         let edited = Mutex::new((EditList::default(), prepared.clone()));
         Self { prepared: prepared.clone(), camera, service: Arc::clone(service), edited }

@@ -43,7 +43,7 @@ impl Renderer {
         };
         let deadline = began + DEADLINE;
         let number = crew.ask(&split, &ask, deadline);
-        Some(SharedFrame::new(number, size, look, split, deadline))
+        Some(SharedFrame::new(number, size, look, split, deadline).metered(ask.is_metered))
     }
 
     /// Takes what a worker has answered.
