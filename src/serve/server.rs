@@ -10,7 +10,7 @@ use super::store::Store;
 use super::{Pictures, api, webhook};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
-use metrics_exporter_prometheus::PrometheusBuilder;
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
@@ -20,6 +20,9 @@ use tokio::sync::{Semaphore, watch};
 
 /// Requests that have begun get this long to end.
 const GRACE: Duration = Duration::from_secs(5);
+
+/// How often measured times are summed up.
+const DIGEST: Duration = Duration::from_secs(5);
 
 /// A certificate chain and its key, as PEM files.
 #[derive(Clone, Debug)]
@@ -158,6 +161,7 @@ pub fn run(
         .enable_time()
         .build()?;
     let _calls = webhook::start(state.clone())?;
+    runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
     runner.stop();
@@ -201,6 +205,15 @@ async fn serve(
         Some(tls) => server.acceptor(tls.acceptor(admission)).serve(app).await?,
     }
     Ok(())
+}
+
+/// Sums up the times that have been measured. Until then each is kept, and no one may ask for `/metrics`.
+async fn digest(metrics: PrometheusHandle) {
+    let mut ticks = tokio::time::interval(DIGEST);
+    loop {
+        ticks.tick().await;
+        metrics.run_upkeep();
+    }
 }
 
 /// Makes the data folder, for its owner alone.

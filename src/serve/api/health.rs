@@ -38,7 +38,6 @@ pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Pr
         metrics::gauge!("raystream_workers", "state" => kind).set(count as f64);
     }
     metrics::gauge!("raystream_units_outstanding").set(state.runner().outstanding() as f64);
-    state.metrics().run_upkeep();
     let text = state.metrics().render();
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text))
 }

@@ -1,6 +1,7 @@
 //! Model checking: every interleaving of a few threads over the film's spin locks and the arena of loop entries,
 //! with the memory model's stale reads. The files under test are compiled here with loom's primitives as
 //! `crate::sync`.
+#![cfg(test)]
 
 mod sync {
     pub(crate) use loom::hint::spin_loop;
@@ -10,10 +11,10 @@ mod sync {
 }
 
 #[allow(dead_code, reason = "the models call a part of the file")]
-#[path = "../../src/shade/arena.rs"]
+#[path = "../../../src/shade/arena.rs"]
 mod arena;
 #[allow(dead_code, reason = "the models call a part of the file")]
-#[path = "../../src/film/stripe.rs"]
+#[path = "../../../src/film/stripe.rs"]
 mod stripe;
 
 use arena::{Arena, BUCKET};
