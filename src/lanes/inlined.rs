@@ -1,6 +1,9 @@
 //! Loops over arrays and slices that are inlined wherever they are called. The `map` of arrays and the `zip` of
 //! iterators are compiled once a crate; without optimisation across codegen units each is then a call in a hot loop.
 
+#[cfg(feature = "render")]
+use std::ops::Range;
+
 /// `f` of each index of an array. Unlike `array::from_fn` every codegen unit has a copy, which is inlined. It is not
 /// `inline(always)`, since that puts the loop into callers before it is unrolled: the library then takes twice as long
 /// to compile.
@@ -31,6 +34,18 @@ pub(crate) fn both<A: Copy, B>(a: [A; 2], f: impl Fn(A) -> B) -> [B; 2] {
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) -> C) -> [C; 3] {
     [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+}
+
+/// Calls `f` with where each part of `n` elements of a slice of `len` elements lies; the last part may be shorter.
+#[cfg(feature = "render")]
+#[cfg_attr(not(unoptimised), inline(always))]
+pub(crate) fn for_parts(len: usize, n: usize, mut f: impl FnMut(Range<usize>)) {
+    let mut at = 0;
+    while at < len {
+        let end = len.min(at + n);
+        f(at..end);
+        at = end;
+    }
 }
 
 /// Calls `f` with the elements of two slices, as far as both have some.

@@ -58,7 +58,7 @@ pub(crate) use columns::{
 };
 pub(crate) use inlined::{both, each, from_index, zip};
 #[cfg(feature = "render")]
-pub(crate) use inlined::{for_pairs, for_pairs_mut};
+pub(crate) use inlined::{for_pairs, for_pairs_mut, for_parts};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
 pub(crate) use mask::first_lanes;

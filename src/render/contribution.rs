@@ -2,7 +2,7 @@
 
 use super::{Frame, NewRays};
 use crate::film::Film;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector, for_parts};
 use crate::schedule::Output;
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
@@ -31,13 +31,14 @@ impl LaneTask for Answered<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let places = Int::iota(l);
-        for (payloads, some) in self.payloads.chunks(L::LANES).zip(self.occluded.chunks(L::LANES)) {
+        for_parts(self.payloads.len().min(self.occluded.len()), L::LANES, |part| {
+            let (payloads, some) = (&self.payloads[part.clone()], &self.occluded[part]);
             let open = Int::some(l, some, 1).0.is(0);
             let [x, y, z, pixel] =
                 places.at_most(payloads.len() as u32 - 1).rows(bytemuck::cast_slice(payloads));
             let radiance = Vector::new(x.to_num_bits(), y.to_num_bits(), z.to_num_bits());
             self.film.splat_lanes(open, pixel, radiance);
-        }
+        });
     }
 }
 

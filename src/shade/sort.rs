@@ -1,7 +1,7 @@
 //! The batch sort (RA section 3.1): misses first, then hits by material.
 
 use super::{Hits, material_of, mix};
-use crate::lanes::{Int, Lanes, MAX_LANES, OutlinedTask};
+use crate::lanes::{Int, Lanes, MAX_LANES, OutlinedTask, for_parts};
 use crate::scene::{Scene, Surface};
 use crate::stream::{Hit, MISS};
 use std::cell::Cell;
@@ -164,7 +164,8 @@ impl Storage {
     fn look_up<L: Lanes>(&mut self, l: L, hits: &[Hit], materials: &[u32]) -> KeyRange {
         let (mut least, mut all, mut any) = (Int::splat(l, NEVER), Int::splat(l, NEVER), Int::splat(l, 0));
         let places = Int::iota(l);
-        for (hits, keys) in hits.chunks(L::LANES).zip(self.keys.chunks_mut(L::LANES)) {
+        for_parts(hits.len().min(self.keys.len()), L::LANES, |part| {
+            let (hits, keys) = (&hits[part.clone()], &mut self.keys[part]);
             let [_, _, _, primitive] = places.at_most(hits.len() as u32 - 1).rows(bytemuck::cast_slice(hits));
             let hit = !primitive.is(MISS);
             let mut key = Int::splat(l, 0);
@@ -175,12 +176,12 @@ impl Storage {
             // Lanes past the last ray repeat that ray.
             (all, any) = (all & key, any | key);
             least = Int::select(key.lt(least), key, least);
-            if keys.len() == L::LANES && hits.len() == L::LANES {
+            if keys.len() == L::LANES {
                 key.store(keys);
             } else {
-                keys[..hits.len()].copy_from_slice(&key.to_array().as_ref()[..hits.len()]);
+                keys.copy_from_slice(&key.to_array().as_ref()[..hits.len()]);
             }
-        }
+        });
         let (all_of, any_of) = (all.to_array(), any.to_array());
         let (mut all, mut any) = (NEVER, 0);
         for lane in 0..L::LANES {
