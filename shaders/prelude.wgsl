@@ -190,8 +190,6 @@ fn cosine_hemisphere_pdf(z: f32) -> f32 {
 
 // A sample from a direction and what `evaluate` returned for it.
 fn scattered(wi: vec3f, lobe: Lobe) -> Scattered {
-    if (lobe.pdf > 0.0) {
-        return Scattered(wi, lobe.value / lobe.pdf, lobe.pdf);
-    }
-    return Scattered(wi, vec3f(0.0), 0.0);
+    let there = lobe.pdf > 0.0;
+    return Scattered(wi, select(vec3f(0.0), lobe.value / lobe.pdf, there), select(0.0, lobe.pdf, there));
 }

@@ -1,12 +1,11 @@
 //! BSDFs in WGSL.
 
-use super::kernel::{Kernel, PointInputs, Signature, read_lanes, write_lanes};
+use super::code::Register;
+use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
-use super::operation::CHUNK;
 use super::parameter::Parameter;
-use super::run::Columns;
 use super::source::ShaderError;
-use crate::lanes::{Lanes, Num, Vector, for_pairs, for_pairs_mut};
+use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
 
@@ -67,11 +66,32 @@ pub struct BsdfShader {
     file: String,
     hash: u64,
     parameters: Vec<Parameter>,
-    prepare: Kernel,
-    evaluate: Kernel,
-    sample: Kernel,
-    inputs: PointInputs,
+    evaluate: Prepared,
+    sample: Prepared,
     transmits: bool,
+}
+
+/// A function that takes the state of a point, lowered together with `prepare`, which computes that state: what does
+/// not depend on the point is folded, and no state is copied.
+struct Prepared {
+    kernel: Kernel,
+    /// The point.
+    inputs: PointInputs,
+    /// The numbers that the function takes beside the state, and their registers.
+    arguments: Vec<(usize, Register)>,
+}
+
+impl Prepared {
+    fn of(loaded: &Loaded, function: &Signature) -> Result<Self, ShaderError> {
+        let kernel = loaded.chain(&PREPARE, function)?;
+        let inputs = kernel.inputs();
+        let scalars = inputs.registers.len();
+        let arguments = kernel.code.inputs.iter().filter_map(|&(scalar, register)| {
+            let argument = (scalar as usize).checked_sub(scalars)?;
+            Some((argument, register))
+        });
+        Ok(Self { arguments: arguments.collect(), inputs, kernel })
+    }
 }
 
 impl fmt::Debug for BsdfShader {
@@ -98,16 +118,13 @@ impl BsdfShader {
     }
 
     pub(super) fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
-        let (prepare, _) = loaded.kernel(&PREPARE)?;
-        let (evaluate, _) = loaded.kernel(&EVALUATE)?;
-        let (sample, _) = loaded.kernel(&SAMPLE)?;
+        let evaluate = Prepared::of(&loaded, &EVALUATE)?;
+        let sample = Prepared::of(&loaded, &SAMPLE)?;
         Ok(Self {
             file: file.into(),
             hash: loaded.hash(),
-            inputs: prepare.inputs(),
             transmits: loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0),
             parameters: loaded.parameters,
-            prepare,
             evaluate,
             sample,
         })
@@ -118,49 +135,33 @@ impl BsdfShader {
         &self.parameters
     }
 
-    /// Number of operations of `prepare`, `evaluate` and `sample`, loops counted once.
-    pub fn operations(&self) -> [usize; 3] {
-        [&self.prepare, &self.evaluate, &self.sample].map(|kernel| kernel.code.instructions.len())
+    /// Number of operations of `evaluate` and of `sample`, each with `prepare`; loops counted once.
+    pub fn operations(&self) -> [usize; 2] {
+        [&self.evaluate, &self.sample].map(|function| function.kernel.code.instructions.len())
     }
 
-    /// Runs `prepare` at the points.
-    #[inline(always)]
-    fn state<L: Lanes>(&self, at: &Points<'_, L>) -> Columns {
-        let columns = self.prepare.columns(CHUNK);
-        at.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns));
-        self.prepare.run(L::LANES, &self.file, &columns, L::LANES);
-        columns
-    }
-
-    /// Runs a function whose arguments are the state and numbers.
+    /// Runs a function whose arguments are the state of points and numbers.
     #[inline(always)]
     fn call<L: Lanes, const N: usize>(
         &self,
         at: &Points<'_, L>,
-        kernel: &Kernel,
+        function: &Prepared,
         arguments: [Num<L>; 6],
     ) -> [Num<L>; N] {
+        let Prepared { kernel, inputs, arguments: registers_of } = function;
         let l = at.lanes();
-        let state = self.state(at);
-        let columns = kernel.columns(CHUNK);
-        let of_state = &self.prepare.code.outputs;
-        for &(scalar, register) in &kernel.code.inputs {
-            let to = columns.column(register, CHUNK);
-            match of_state.get(scalar as usize) {
-                Some(&from) => {
-                    let from = state.operand(from, CHUNK);
-                    for_pairs(to, from.some(0, CHUNK), |to, from| to.set(from.get()));
-                }
-                None => write_lanes(to, arguments[scalar as usize - of_state.len()]),
-            }
+        let registers = kernel.registers();
+        if inputs.wanted != 0 {
+            at.write_to(inputs.wanted, &mut registers.sink(inputs, L::LANES));
         }
-        kernel.run(L::LANES, &self.file, &columns, L::LANES);
+        for &(argument, register) in registers_of {
+            registers.set(register, arguments[argument]);
+        }
+        kernel.run_once(l, &self.file, &registers);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
-            *result = read_lanes(l, &columns, register);
+            *result = registers.get(l, register);
         });
-        kernel.keep(columns, CHUNK);
-        self.prepare.keep(state, CHUNK);
         results
     }
 }

@@ -1,11 +1,11 @@
 //! Lowered functions with the columns that they run in.
 
 use super::code::Code;
-use super::operation::CHUNK;
+use super::once::Registers;
 use super::run::{Columns, run_alone};
 use super::source::{Fault, Source};
-use crate::lanes::{Lanes, MAX_LANES, Num, SimdLevel, for_pairs, for_pairs_mut};
-use crate::scene::{FieldType, POINT_FIELDS, PointSink};
+use crate::lanes::{Lanes, SimdLevel, for_pairs};
+use crate::scene::{FieldType, POINT_FIELDS};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -22,41 +22,33 @@ thread_local! {
 #[derive(Debug)]
 pub(super) struct Kernel {
     pub code: Code,
-    /// Differs between all programs of a process. Columns of other sizes have the next number.
+    /// Differs between all programs of a process, and from 0.
     number: u64,
 }
 
 impl Kernel {
     pub fn new(code: Code) -> Self {
-        static NUMBERS: AtomicU64 = AtomicU64::new(2);
-        Self { code, number: NUMBERS.fetch_add(2, Relaxed) }
+        static NUMBERS: AtomicU64 = AtomicU64::new(1);
+        Self { code, number: NUMBERS.fetch_add(1, Relaxed) }
     }
 
     /// Columns of `block` points, to be returned by [`Kernel::keep`].
-    #[inline(always)]
     pub fn columns(&self, block: usize) -> Columns {
-        let number = self.number(block);
         let mut columns = COLUMNS.with_borrow_mut(|all| {
-            all.get_mut(number as usize % KEPT).map(std::mem::take).unwrap_or_default()
+            all.get_mut(self.number as usize % KEPT).map(std::mem::take).unwrap_or_default()
         });
-        columns.prepare(&self.code, number, block);
+        columns.prepare(&self.code, self.number, block);
         columns
     }
 
     /// Keeps columns for the next call.
-    #[inline(always)]
-    pub fn keep(&self, columns: Columns, block: usize) {
+    pub fn keep(&self, columns: Columns) {
         COLUMNS.with_borrow_mut(|all| {
             if all.is_empty() {
                 all.resize_with(KEPT, Columns::default);
             }
-            all[self.number(block) as usize % KEPT] = columns;
+            all[self.number as usize % KEPT] = columns;
         });
-    }
-
-    #[inline(always)]
-    fn number(&self, block: usize) -> u64 {
-        self.number + u64::from(block > CHUNK)
     }
 
     /// Runs the function at the first points, with this many lanes.
@@ -65,6 +57,23 @@ impl Kernel {
     /// When a loop takes too many turns.
     pub fn run(&self, lanes: usize, file: &str, columns: &Columns, points: usize) {
         if let Err(endless) = run_alone(SimdLevel::of_lanes(lanes), &self.code, columns, points) {
+            endless_loop(file, endless.line);
+        }
+    }
+
+    /// Registers for the points of one vector.
+    #[inline(always)]
+    pub fn registers(&self) -> Registers {
+        Registers::of(&self.code)
+    }
+
+    /// Runs the function at the points of one vector.
+    ///
+    /// # Panics
+    /// When a loop takes too many turns.
+    #[inline(always)]
+    pub fn run_once<L: Lanes>(&self, l: L, file: &str, registers: &Registers) {
+        if let Err(endless) = registers.run(l, &self.code) {
             endless_loop(file, endless.line);
         }
     }
@@ -103,52 +112,17 @@ pub(super) struct PointInputs {
     pub registers: Vec<Option<(u32, bool)>>,
 }
 
-impl PointInputs {
-    /// What writes points into the columns of the function.
-    #[inline(always)]
-    pub fn sink<'a>(&'a self, columns: &'a Columns) -> impl PointSink {
-        PointWriter { inputs: self, columns }
-    }
-}
-
-struct PointWriter<'a> {
-    inputs: &'a PointInputs,
-    columns: &'a Columns,
-}
-
-impl PointSink for PointWriter<'_> {
-    #[inline(always)]
-    fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]) {
-        let Some((register, is_truth)) = self.inputs.registers[scalar] else { return };
-        write(self.columns.column(register, MAX_LANES), column, is_truth);
-    }
-}
-
-/// Writes numbers into a column. Truth values become words of all bits or none.
+/// Writes numbers into a column, copies of the first beyond their end. Truth values become words of all bits or none.
 #[inline(always)]
 pub(super) fn write(to: &[Cell<u32>], from: &[f32], is_truth: bool) {
-    for_pairs(to, from, |cell, &number| {
-        cell.set(match is_truth {
-            true if number > 0.0 => u32::MAX,
-            true => 0,
-            false => number.to_bits(),
-        });
-    });
-}
-
-/// Writes a number in each lane into a column.
-#[inline(always)]
-pub(super) fn write_lanes<L: Lanes>(to: &[Cell<u32>], from: Num<L>) {
-    for_pairs(to, from.to_array().as_ref(), |cell, number| cell.set(number.to_bits()));
-}
-
-/// Reads a register's numbers, one in each lane.
-#[inline(always)]
-pub(super) fn read_lanes<L: Lanes>(l: L, columns: &Columns, register: u32) -> Num<L> {
-    let mut words = L::array(0.0f32);
-    let from = columns.operand(register, CHUNK);
-    for_pairs_mut(words.as_mut(), from.some(0, L::LANES), |word, cell| *word = f32::from_bits(cell.get()));
-    Num::from_array(l, &words)
+    let word = |number: f32| match is_truth {
+        true if number > 0.0 => u32::MAX,
+        true => 0,
+        false => number.to_bits(),
+    };
+    let (to, beyond) = to.split_at(from.len());
+    for_pairs(to, from, |cell, &number| cell.set(word(number)));
+    beyond.iter().for_each(|cell| cell.set(word(from[0])));
 }
 
 /// A function that a shader must define.

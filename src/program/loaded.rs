@@ -1,7 +1,7 @@
 //! What all kinds of shaders have in common: a file, its parameters, and a hash.
 
 use super::kernel::{Kernel, Signature};
-use super::lower::{Input, Output, lower};
+use super::lower::{Input, Output, lower, lower_chain};
 use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
@@ -74,17 +74,24 @@ impl Loaded {
     /// When there is no such function, or it uses what shaders lack.
     pub fn kernel(&self, signature: &Signature) -> Result<(Kernel, Vec<Output>), ShaderError> {
         let function = signature.find(&self.source).map_err(|fault| self.error(&fault))?;
-        let Source { module, info, text, .. } = &self.source;
-        let input = Input {
-            module,
-            info,
-            overrides: &self.overrides,
-            natives: self.natives,
-            source: text,
-            host: None,
-        };
-        let (code, outputs) = lower(input, function).map_err(|fault| self.error(&fault))?;
+        let (code, outputs) = lower(self.input(), function).map_err(|fault| self.error(&fault))?;
         Ok((Kernel::new(code), outputs))
+    }
+
+    /// Lowers a function and one that is called with its result and more arguments.
+    ///
+    /// # Errors
+    /// When there is no such function, or one uses what shaders lack.
+    pub fn chain(&self, first: &Signature, second: &Signature) -> Result<Kernel, ShaderError> {
+        let find = |signature: &Signature| signature.find(&self.source);
+        let code = find(first).and_then(|first| lower_chain(self.input(), &[first, find(second)?]));
+        Ok(Kernel::new(code.map_err(|fault| self.error(&fault))?))
+    }
+
+    fn input(&self) -> Input<'_> {
+        let Source { module, info, text, .. } = &self.source;
+        let (overrides, natives) = (&self.overrides, self.natives);
+        Input { module, info, overrides, natives, source: text, host: None }
     }
 
     /// Whether the file has a function of this name.

@@ -20,6 +20,7 @@ mod kernel;
 mod loaded;
 mod lower;
 mod native;
+mod once;
 mod operation;
 mod parameter;
 mod prelude;

@@ -12,7 +12,7 @@ use std::cell::Cell;
 pub const BLOCK: usize = 256;
 
 /// The most operations that a block may compute. A loop that takes more is taken to be endless.
-const BUDGET: u64 = 1 << 24;
+pub(super) const BUDGET: u64 = 1 << 24;
 
 /// The registers of a program while it runs.
 #[derive(Debug, Default)]
@@ -184,7 +184,7 @@ impl<'a> LaneTask for UntilHost<'a> {
 
 /// Whether no point is in a mask.
 #[inline(always)]
-fn is_empty(mask: &[Cell<u32>]) -> bool {
+pub(super) fn is_empty(mask: &[Cell<u32>]) -> bool {
     let mut any = 0;
     for cell in mask {
         any |= cell.get();

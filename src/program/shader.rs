@@ -67,10 +67,8 @@ impl SurfaceShader {
         match self {
             Self::Pattern(pattern) => format!("a pattern of {} operations", pattern.operations()),
             Self::Bsdf(bsdf) => {
-                let [prepare, evaluate, sample] = bsdf.operations();
-                format!(
-                    "a BSDF of {prepare} (prepare), {evaluate} (evaluate) and {sample} (sample) operations"
-                )
+                let [evaluate, sample] = bsdf.operations();
+                format!("a BSDF of {evaluate} (evaluate) and {sample} (sample) operations, each with prepare")
             }
         }
     }

@@ -7,9 +7,10 @@ use super::kernel::endless_loop;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
+use super::once::Registers;
 use super::operation::CHUNK;
 use super::parameter::Parameter;
-use super::run::{BLOCK, Columns};
+use super::run::BLOCK;
 use super::source::{Fault, ShaderError};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
@@ -188,12 +189,10 @@ impl Procedural for PatternShader {
 
     #[inline(always)]
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
-        let columns = self.kernel.columns(CHUNK);
-        points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns));
-        self.kernel.run(L::LANES, &self.file, &columns, L::LANES);
-        let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
-        self.kernel.keep(columns, CHUNK);
-        finish
+        let registers = self.kernel.registers();
+        points.write_to(self.inputs.wanted, &mut registers.sink(&self.inputs, L::LANES));
+        self.kernel.run_once(points.lanes(), &self.file, &registers);
+        Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, registers: &registers })
     }
 }
 
@@ -233,7 +232,9 @@ impl PatternShader {
         let columns = self.kernel.columns(block);
         for (scalar, input) in self.inputs.registers.iter().enumerate() {
             let Some((register, is_truth)) = *input else { continue };
-            write(columns.column(register, points), &from.column(scalar)[piece.clone()], is_truth);
+            // Points beyond the piece are computed too, and loops must end for them.
+            let column = columns.column(register, points.next_multiple_of(CHUNK));
+            write(column, &from.column(scalar)[piece.clone()], is_truth);
         }
         self.kernel.run(lanes, &self.file, &columns, points);
         for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
@@ -243,21 +244,21 @@ impl PatternShader {
                 for_pairs_mut(to, words, |number, word| *number = f32::from_bits(word.get()));
             }
         }
-        self.kernel.keep(columns, block);
+        self.kernel.keep(columns);
     }
 }
 
 /// Reads the scalars of a finish from a program's registers.
 struct Outputs<'a> {
     kernel: &'a Kernel,
-    columns: &'a Columns,
+    registers: &'a Registers,
 }
 
 impl FinishSource for Outputs<'_> {
     #[inline(always)]
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]) {
-        let from = self.columns.operand(self.kernel.code.outputs[scalar], MAX_LANES);
-        for_pairs_mut(column, from.some(0, MAX_LANES), |number, word| *number = f32::from_bits(word.get()));
+        let from = self.registers.chunk(self.kernel.code.outputs[scalar]);
+        for_pairs_mut(column, from, |number, word| *number = f32::from_bits(word.get()));
     }
 }
 

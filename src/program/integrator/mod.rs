@@ -346,13 +346,13 @@ impl Loader<'_> {
     ) -> Result<(Lowered, Span), Fault> {
         let host = HostInput { kept, payload, has_hit, may_push };
         let span = self.loaded.source.module.functions.get_span(function);
-        Ok((lowered(self.input(Some(host)), function).map_err(|fault| fault.at(span))?, span))
+        Ok((lowered(self.input(Some(host)), &[function]).map_err(|fault| fault.at(span))?, span))
     }
 
     /// The payload of camera rays.
     fn start(&self, function: Option<Handle<Function>>, payload: u32) -> Result<Vec<u32>, Fault> {
         let Some(function) = function else { return Ok(vec![0; payload as usize]) };
-        let Lowered { code, outputs, .. } = lowered(self.input(None), function)?;
+        let Lowered { code, outputs, .. } = lowered(self.input(None), &[function])?;
         let known = |output: &Output| match output {
             Output::Known(word) => Some(*word),
             _ => None,

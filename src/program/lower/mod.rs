@@ -176,15 +176,26 @@ pub(super) struct Lowered {
 /// # Errors
 /// When the function uses what programs lack, or is too long.
 pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Code, Vec<Output>), Fault> {
-    let Lowered { code, outputs, .. } = lowered(input, function)?;
+    let Lowered { code, outputs, .. } = lowered(input, &[function])?;
     Ok((code.without_dead_instructions().with_pairs().with_few_registers(), outputs))
 }
 
-/// [`lower`] without the optimisations that follow. The last argument may be a pointer to a result; it points to zeros.
+/// [`lower`] for functions that are called one after the other: the result of each is the first argument of the next.
+/// The inputs are the arguments of the first function, then what the others take besides.
 ///
 /// # Errors
-/// When the function uses what programs lack, or is too long.
-pub(super) fn lowered(input: Input<'_>, function: Handle<Function>) -> Result<Lowered, Fault> {
+/// When a function uses what programs lack, or they are too long.
+pub(super) fn lower_chain(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Code, Fault> {
+    let Lowered { code, .. } = lowered(input, functions)?;
+    Ok(code.without_dead_instructions().with_pairs().with_few_registers())
+}
+
+/// [`lower_chain`] without the optimisations that follow. The last argument of a single function may be a pointer to a
+/// result; it points to zeros.
+///
+/// # Errors
+/// When a function uses what programs lack, or they are too long.
+pub(super) fn lowered(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Lowered, Fault> {
     let mut lowerer = Lowerer {
         input,
         code: Code::default(),
@@ -207,32 +218,16 @@ pub(super) fn lowered(input: Input<'_>, function: Handle<Function>) -> Result<Lo
     lowerer.waiting = lowerer.register();
     let waiting = lowerer.waiting;
     lowerer.write(Operation::Copy, &[Scalar::truth(false)], waiting);
-    lowerer.declare_globals()?;
-    let mut arguments = Vec::new();
-    let mut pointed = None;
-    let mut inputs = 0;
-    for argument in &input.module.functions[function].arguments {
-        let inner = &input.module.types[argument.ty].inner;
-        if let TypeInner::Pointer { base, .. } = inner {
-            let inner = input.module.types[*base].inner.clone();
-            let zeros = lowerer.zeros(&inner)?;
-            let variable = lowerer.declare(zeros);
-            pointed = Some(variable);
-            arguments.push(Value::Place(Place { variable, offset: 0, inner, indices: Vec::new() }));
-            continue;
+    let (mut results, mut given) = (Rc::from([]), None);
+    for &function in functions {
+        // Each call begins with the initial values of the module's variables.
+        lowerer.declare_globals()?;
+        let (arguments, pointed) = lowerer.arguments(function, given)?;
+        results = lowerer.inline(function, arguments)?;
+        if let Some(variable) = pointed {
+            results = lowerer.value_of(variable);
         }
-        let width = lowerer.width(inner)?;
-        let scalars: Rc<[Scalar]> = (0..width).map(|_| Scalar::Column(lowerer.register())).collect();
-        for scalar in &*scalars {
-            let Scalar::Column(register) = *scalar else { continue };
-            lowerer.code.inputs.push((inputs, register));
-            inputs += 1;
-        }
-        arguments.push(Value::Scalars(scalars));
-    }
-    let mut results = lowerer.inline(function, arguments)?;
-    if let Some(variable) = pointed {
-        results = lowerer.value_of(variable);
+        given = Some(Value::Scalars(results.clone()));
     }
     let inputs: HashMap<Register, u32> =
         lowerer.code.inputs.iter().map(|&(input, register)| (register, input)).collect();
@@ -253,6 +248,38 @@ pub(super) fn lowered(input: Input<'_>, function: Handle<Function>) -> Result<Lo
 }
 
 impl<'m> Lowerer<'m> {
+    /// The arguments of a function, the first one unless it is given as inputs; and what the last one points to.
+    fn arguments(
+        &mut self,
+        function: Handle<Function>,
+        given: Option<Value>,
+    ) -> Result<(Vec<Value>, Option<VariableId>), Fault> {
+        let module = self.input.module;
+        let mut arguments: Vec<Value> = given.into_iter().collect();
+        let mut pointed = None;
+        for argument in &module.functions[function].arguments[arguments.len()..] {
+            let inner = &module.types[argument.ty].inner;
+            if let TypeInner::Pointer { base, .. } = inner {
+                let inner = module.types[*base].inner.clone();
+                let zeros = self.zeros(&inner)?;
+                let variable = self.declare(zeros);
+                pointed = Some(variable);
+                arguments.push(Value::Place(Place { variable, offset: 0, inner, indices: Vec::new() }));
+                continue;
+            }
+            let scalars: Rc<[Scalar]> = (0..self.width(inner)?).map(|_| self.input_scalar()).collect();
+            arguments.push(Value::Scalars(scalars));
+        }
+        Ok((arguments, pointed))
+    }
+
+    /// The next input.
+    fn input_scalar(&mut self) -> Scalar {
+        let register = self.register();
+        self.code.inputs.push((self.code.inputs.len() as u32, register));
+        Scalar::Column(register)
+    }
+
     /// A new register.
     fn register(&mut self) -> Register {
         self.code.registers += 1;

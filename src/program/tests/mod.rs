@@ -1,5 +1,6 @@
 //! Tests of programs.
 
+mod bsdfs;
 mod fuzz;
 mod generated;
 mod oracle;

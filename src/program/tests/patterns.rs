@@ -2,16 +2,14 @@
 
 use crate::lanes::{Int, Mask, Num, SingleLane, Vector};
 use crate::program::PatternShader;
-use crate::scene::{Finish, Points, Procedural, Scene};
+use crate::scene::{BlockColumns, BlockSurface, FINISH_FIELDS, Finish, Points, Procedural, Scene};
 
-/// A finish at one point.
-fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
+/// A point.
+pub(super) fn point_at(scene: &Scene, [x, y, z]: [f32; 3]) -> Points<'_, SingleLane> {
     let l = SingleLane::default();
-    let scene = Scene::default();
     let n = |x: f32| Num::splat(l, x);
     let up = Vector::new(n(0.0), n(0.0), n(1.0));
-    let [x, y, z] = position;
-    let points = Points {
+    Points {
         position: Vector::new(n(x), n(y), n(z)),
         normal: up,
         geometric_normal: up,
@@ -22,9 +20,13 @@ fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
         area: n(1.0),
         primitive: Int::splat(l, 3),
         front: Mask::splat(l, true),
-        scene: &scene,
-    };
-    shader.finish(&points)
+        scene,
+    }
+}
+
+/// A finish at one point.
+fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
+    shader.finish(&point_at(&Scene::default(), position))
 }
 
 fn colour_at(text: &str, position: [f32; 3]) -> [f32; 3] {
@@ -84,6 +86,27 @@ fn control_flow_acts_point_by_point() {
     for x in [0.0, 1.0, 7.5, 99.0, 100.5, -1.0, -0.9, 3.3, 12.0, 47.0] {
         assert_eq!(colour_at(text, [x, 0.0, 0.0]), expected(x), "{x}");
     }
+}
+
+#[test]
+fn loops_that_end_at_all_points_end_in_vectors_and_blocks_with_room_for_more() {
+    let text = "fn pattern(at: Point) -> Finish {
+        var f = matte(at);
+        f.metallic = at.position.x;
+        while (f.metallic < 1.0) { f.metallic *= 2.0; }
+        return f;
+    }";
+    let shader = PatternShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(finish_at(&shader, [0.3, 0.0, 0.0]).metallic.get(), 1.2);
+    let shader = shader.with_block(Some(64));
+    let (mut points, mut finishes) = (BlockColumns::default(), BlockColumns::default());
+    points.for_points(64);
+    finishes.for_finishes(64);
+    points.column_mut(0)[..5].copy_from_slice(&[0.3, 0.4, 0.5, 0.6, 0.7]);
+    shader.compute(8, 5, &points, &mut finishes);
+    let computed = |scalar: &usize| finishes.column(*scalar)[..5] == [1.2, 1.6, 1.0, 1.2, 1.4];
+    let scalars: usize = FINISH_FIELDS.iter().map(|field| field.kind.numbers()).sum();
+    assert_eq!((0..scalars).filter(computed).count(), 1);
 }
 
 #[test]
