@@ -12,27 +12,16 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
-/// Writes the partial film that the options name, if any. Returns why it is not written if the part is not finished.
+/// Writes a finished part to a file, if one is given. Returns why it is not written if the part is not finished.
 pub fn write_finished<I: Integrator>(
+    path: Option<&Path>,
     args: &RenderArgs,
     setup: &Setup,
     camera: &Camera,
     frame: &Progressive<I>,
     facts: &BTreeMap<String, String>,
 ) -> Result<Option<String>> {
-    let path = args.part.partial.as_deref();
-    path.map_or(Ok(None), |path| write_finished_to(path, args, setup, camera, frame, facts))
-}
-
-/// The same to a file.
-pub fn write_finished_to<I: Integrator>(
-    path: &Path,
-    args: &RenderArgs,
-    setup: &Setup,
-    camera: &Camera,
-    frame: &Progressive<I>,
-    facts: &BTreeMap<String, String>,
-) -> Result<Option<String>> {
+    let Some(path) = path else { return Ok(None) };
     let name = path.display();
     if !frame.is_complete() {
         return Ok(Some(format!("{name}: not written, because not all of its samples have been taken")));

@@ -116,11 +116,10 @@ impl<I: Integrator> Shot<I> {
         if let Some(file) = animation.picture(self.frame) {
             insist(|| write_picture(&file, &picture, &look, &options))?;
         }
-        if let Some(file) = animation.partial(self.frame) {
-            let (camera, metadata) = (&self.camera, &picture.metadata);
-            let written = partial::write_finished_to(&file, args, setup, camera, &self.picture, metadata)?;
-            debug_assert!(written.is_none(), "the frame is complete");
-        }
+        let (part, metadata) = (animation.partial(self.frame), &picture.metadata);
+        let unwritten =
+            partial::write_finished(part.as_deref(), args, setup, &self.camera, &self.picture, metadata)?;
+        debug_assert!(unwritten.is_none(), "the frame is complete");
         Ok(FrameStats {
             frame: self.frame,
             hash: picture.image.hash(),

@@ -70,14 +70,14 @@ pub fn run<I: Integrator>(
     let render_s = started.elapsed().as_secs_f64();
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
-    let started = Instant::now();
+    let (part, started) = (args.part.partial.as_deref(), Instant::now());
     let (film, picture) = develop(&frame, &facts, camera);
     viewer.show(&name, &picture);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
     totals.add_shading(setup);
     totals.events.lack((end == End::Interrupted).then(|| stopped(&frame, &film)).flatten());
     totals.events.lack(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
-    totals.events.lack(partial::write_finished(args, setup, camera, &frame, &picture.metadata)?);
+    totals.events.lack(partial::write_finished(part, args, setup, camera, &frame, &picture.metadata)?);
     let seconds = Seconds {
         load: setup.load_s,
         build: setup.build_s,
