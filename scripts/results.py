@@ -6,9 +6,10 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
 two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency`, `rtrt`, `live`, `livefarm`, `service`, `plan` or `plancheck`; further words only
-distinguish two blocks of a page. Tables over scenes take files of one machine and one build, with one scene or several
-in each. A scene is called what its file is called, or LABEL where there is one in the file.
+`profiles`, `schedule`, `latency`, `rtrt`, `live`, `livefarm`, `livelinks`, `service`, `plan`, `plancheck` or
+`farmspeed`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine and one
+build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is one in the
+file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -123,6 +124,17 @@ PLAIN = {
         ("at 100 Mbit", "network_frames_per_s", 1, "{:.0f}"),
         ("late", "late", None, "{}"),
     ],
+    "livelinks": [
+        ("scene", "label", None, "{}"),
+        ("workers", "workers", None, "{}"),
+        ("links", "link", None, "{}"),
+        ("frames/s", "frames_per_s", 1, "{:.1f}"),
+        ("pixels", "area", 100, "{:.0f} %"),
+        ("full frames/s", "full_frames_per_s", 1, "{:.1f}"),
+        ("slowest, ms", "worst_ms", 1, "{:.0f}"),
+        ("kB", "frame_bytes", 1e-3, "{:.0f}"),
+        ("late", "late", None, "{}"),
+    ],
     "profiles": [
         ("raystream", "label", None, "{}"),
         ("compile, s", "compile_s", 1, "{:.0f}"),
@@ -190,6 +202,17 @@ PLAIN = {
         ("difference", "difference", 100, "{:+.1f} %"),
         ("efficiency", "efficiency", 100, "{:.0f} %"),
         ("predicted", "predicted_efficiency", 100, "{:.0f} %"),
+    ],
+    "farmspeed": [
+        ("the same picture", "configuration", None, "{}"),
+        ("s", "job_s.median", 1, "{:.2f}"),
+        ("best", "job_s.best", 1, "{:.2f}"),
+        ("worst", "job_s.worst", 1, "{:.2f}"),
+        ("share of its speed", "share", 1, "{:.3f}"),
+        ("least", "least_share", 1, "{:.3f}"),
+        ("units", "units", 1, "{:.0f}"),
+        ("a unit loses, ms", "unit_lost_s", 1e3, "{:.1f}"),
+        ("between units, ms", "between_s", 1e3, "{:.1f}"),
     ],
     "kernels": [
         ("a ray/triangle test (Table 1)", "kernel", None, "{}"),
