@@ -20,7 +20,7 @@ struct Row {
     prediction: Prediction,
     /// How many times as fast it is as one machine.
     speedup: f64,
-    /// The same for each machine.
+    /// The same for each machine; of a live view also for the coordinator, which renders rows of it.
     efficiency: f64,
     /// The load of the busier direction of the coordinator's link, from 0 to 1.
     network_share: f64,
@@ -81,7 +81,7 @@ impl Row {
         let (busiest, busiest_share) = prediction.busiest().map_or(("", 0.0), |load| (load.name, load.share));
         Self {
             speedup,
-            efficiency: speedup / f64::from(prediction.machines),
+            efficiency: speedup * one.power / prediction.power,
             network_share: prediction.network_share(),
             busiest,
             busiest_share,

@@ -40,6 +40,8 @@ pub struct Costs {
     pub round_trip_s: f64,
     /// Threads of the coordinator.
     pub coordinator_threads: f64,
+    /// Pixels × samples a second of all of them together, where the coordinator renders rows of a live view.
+    pub coordinator_samples_per_second: f64,
     /// Time of a thread of the coordinator that a question takes.
     pub question_s: f64,
     /// The same for the sums of a unit: to check them, write them to the disk and add them up.
@@ -74,6 +76,7 @@ impl Default for Costs {
             pixel_bytes: 28.0,
             round_trip_s: 0.3e-3,
             coordinator_threads: 2.0,
+            coordinator_samples_per_second: 1e6,
             question_s: 0.1e-3,
             keep_s: 1.0e-3,
             keep_byte_s: 4.0e-9,
@@ -94,6 +97,7 @@ impl Costs {
         let positive = [
             ("samples_per_second", self.samples_per_second),
             ("coordinator_threads", self.coordinator_threads),
+            ("coordinator_samples_per_second", self.coordinator_samples_per_second),
             ("lease_s", self.lease_s),
             ("pixel_bytes", self.pixel_bytes),
         ];
@@ -140,7 +144,7 @@ pub struct FramesJob {
     pub priority: Priority,
 }
 
-/// A live view: the frames of a camera that moves all the time, each cut into tiles that machines render.
+/// A live view: the frames of a camera that moves all the time. Machines render rows of each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveJob {
     /// What it is called.
@@ -151,9 +155,7 @@ pub struct LiveJob {
     pub spp: u32,
     /// Frames that are shown.
     pub frames: u32,
-    /// Edge of a tile in pixels.
-    pub tile: u32,
-    /// Bytes of a tile's pixel, ready to be shown.
+    /// Bytes of a pixel, ready to be shown.
     pub pixel_bytes: f64,
 }
 
@@ -179,10 +181,10 @@ impl PlannedJob {
         Self::Frames(FramesJob { name, size, spp: 256, frames: 1000, priority })
     }
 
-    /// 100 frames of 1280 × 720 pixels with one sample in each, in tiles of 64 × 64 pixels as JPEG.
+    /// 100 frames of 1280 × 720 pixels with one sample in each, as JPEG.
     pub fn live() -> Self {
         let (name, size) = ("live".into(), (1280, 720));
-        Self::Live(LiveJob { name, size, spp: 1, frames: 100, tile: 64, pixel_bytes: 0.3 })
+        Self::Live(LiveJob { name, size, spp: 1, frames: 100, pixel_bytes: 0.3 })
     }
 
     /// What it is called.

@@ -46,8 +46,8 @@ fn together(intervals: &[&Interval<'_>]) -> f64 {
 
 /// Reads what a job was and what it has cost. Costs that its timeline does not tell stay as they are.
 ///
-/// A machine's speed contains what its units took besides their samples, so that is 0 then. What the coordinator took
-/// for a unit's sums does not depend on their bytes then.
+/// The coordinator is taken for as fast as a machine. A machine's speed contains what its units took besides their
+/// samples, so that is 0 then. What the coordinator took for a unit's sums does not depend on their bytes then.
 ///
 /// # Errors
 /// What the timeline lacks.
@@ -99,6 +99,7 @@ fn of_machines(
     let pixels = f64::from(job.size.0) * f64::from(job.size.1);
     let pixels_of_block = pixels / Blocks::new(job.size.0, job.size.1).count() as f64;
     costs.samples_per_second = samples * pixels_of_block / BLOCK_PIXELS / busy;
+    costs.coordinator_samples_per_second = costs.samples_per_second;
     if !(costs.samples_per_second.is_finite() && samples > 0.0) {
         return Err("its units have no samples or took no time".into());
     }

@@ -18,11 +18,14 @@ pub struct Prediction {
     pub job: String,
     /// Machines that render.
     pub machines: u32,
-    /// From the start of the machines, when the job is submitted, until its last picture is written.
+    /// What renders, in machines: the coordinator renders rows of live views, too.
+    pub power: f64,
+    /// From the start of the machines, when the job is submitted, until its last picture is written. Of a live view:
+    /// the time in which its moving frames have as many pixels as all its frames would have in full size.
     pub seconds: f64,
     /// The part of it before the first unit is rendered.
     pub first_s: f64,
-    /// Frames a second.
+    /// Frames a second, those of a live view as large as they were.
     pub frames_per_second: f64,
     /// Units that are rendered, or tiles of a live view.
     pub units: u64,
@@ -32,7 +35,7 @@ pub struct Prediction {
     pub idle_share: f64,
     /// Bytes that the coordinator sends and gets.
     pub bytes: f64,
-    /// Units that came to a worker from another.
+    /// Units that came to a worker from another, or tiles of a live view that came too late.
     pub redeliveries: u64,
     /// How busy each part is.
     pub loads: Vec<Load>,

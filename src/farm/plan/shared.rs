@@ -101,11 +101,13 @@ impl<T> Shared<T> {
         self.users.pop().map(|Reverse(user)| user.token)
     }
 
-    /// Lets all users go.
-    pub fn clear(&mut self, now: Time) {
+    /// Lets all users go, and tells how many there were.
+    pub fn clear(&mut self, now: Time) -> usize {
         self.advance(now);
         self.version += 1;
+        let users = self.users.len();
         self.users.clear();
+        users
     }
 
     /// What it has done by now.

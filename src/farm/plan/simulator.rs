@@ -352,6 +352,7 @@ impl<'a> Simulator<'a> {
         Prediction {
             job: names.join("+"),
             machines: self.farm.machines,
+            power: machines,
             seconds: total,
             first_s: seconds(counts.first.unwrap_or(now)),
             frames_per_second: f64::from(frames) / total,

@@ -166,13 +166,66 @@ fn ten_thousand_machines_render_a_still() {
     assert!(found.failed.is_none() && found.units > 1000, "{found:?}");
 }
 
+/// A live view of whole strips.
+fn view(size: (u32, u32)) -> PlannedJob {
+    PlannedJob::Live(LiveJob { name: "view".into(), size, spp: 1, frames: 100, pixel_bytes: 0.0 })
+}
+
 #[test]
-fn a_live_view_is_faster_with_more_machines_until_tiles_are_few() {
-    let fps =
-        |machines: u32| predict(&farm(machines), &Costs::default(), &PlannedJob::live()).frames_per_second;
-    let (one, eight, many, more) = (fps(1), fps(8), fps(240), fps(2000));
-    assert!(one > 0.3 && eight > 6.0 * one && many > eight, "{one}, {eight}, {many}");
-    assert!(more < 1.5 * many, "a frame has 240 tiles: {many}, {more}");
+fn moving_frames_take_the_time_that_a_view_aims_at() {
+    // 4 machines and the coordinator render 5 million pixels a second together. A view aims at frames of 55 ms, and
+    // takes those of 46 to 66 ms for that; whole frames would take 184 ms.
+    let found = predict(&farm(4), &free(), &view((1280, 720)));
+    assert!((15.0..22.0).contains(&found.frames_per_second), "{found:?}");
+    let pixels_per_second = 100.0 * 1280.0 * 720.0 / found.seconds;
+    // Rows are given in strips of 16, so that not all end at the same time.
+    assert!((0.8..1.0).contains(&(pixels_per_second / 5e6)), "{pixels_per_second}");
+    assert!((found.power, found.redeliveries) == (5.0, 0), "{found:?}");
+    // On a coordinator that is four times as fast they are sharper.
+    let fast = Costs { coordinator_samples_per_second: 4e6, ..free() };
+    let faster = predict(&farm(4), &fast, &view((1280, 720)));
+    assert!(
+        (1.3..1.7).contains(&(found.seconds / faster.seconds)),
+        "{} s, {} s",
+        found.seconds,
+        faster.seconds
+    );
+}
+
+#[test]
+fn a_view_waits_for_one_frame_before_it_begins_the_next() {
+    let idle =
+        |round_trip_s| predict(&farm(4), &Costs { round_trip_s, ..free() }, &view((640, 400))).idle_share;
+    // While a tile travels, its machine has nothing to do.
+    let (near, far) = (idle(0.0), idle(0.02));
+    assert!(near < 0.15 && far > near + 0.25, "{near}, {far}");
+}
+
+#[test]
+fn machines_that_are_too_slow_are_late_and_stop_no_view() {
+    // A tile's answer takes 90 ms on its way, and a frame is whole after 80.
+    let slow = Costs { round_trip_s: 0.09, ..free() };
+    let found = predict(&farm(3), &slow, &view((640, 400)));
+    assert!(found.redeliveries > 0 && found.frames_per_second > 8.0, "{found:?}");
+    // All of them miss three frames and then rest for five seconds, in which the coordinator renders alone.
+    let alone = predict(&farm(1), &slow, &view((640, 400)));
+    assert!(
+        (0.8..1.2).contains(&(found.seconds / alone.seconds)),
+        "{} s, {} s",
+        found.seconds,
+        alone.seconds
+    );
+}
+
+#[test]
+fn a_live_view_is_faster_with_more_machines_until_strips_are_few() {
+    let seconds = |machines: u32| predict(&farm(machines), &Costs::default(), &PlannedJob::live()).seconds;
+    let some = [1, 2, 5, 10, 20, 30].map(seconds);
+    assert!(some.is_sorted_by(|fewer, more| fewer > more), "{some:?}");
+    let (all, more) = (seconds(44), seconds(2000));
+    assert!(some[0] > 5.0 * some[3] && some[3] > 2.0 * all, "{some:?}, {all}");
+    // 720 rows are 45 strips: one for the coordinator, one for each of 44 machines.
+    assert!((0.99..1.01).contains(&(all / more)), "{all}, {more}");
 }
 
 #[test]

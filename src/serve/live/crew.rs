@@ -1,5 +1,6 @@
 //! Workers on other machines that render rows of a view's moving frames.
 
+use super::decisions::{self, Division, Late, MOST_MISSES, REST, Record, Speed};
 use super::inbox::Inbox;
 use super::strips::{self, STRIP_ROWS};
 use super::{WorkerShare, encoder};
@@ -16,26 +17,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(250);
 /// The longest wait for an answer. A worker from which none has come is not asked meanwhile.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// How long a worker that refuses, or has missed [`MOST_MISSES`] deadlines in a row, is left alone.
-const REST: Duration = Duration::from_secs(5);
-
 /// Workers that have not been there for this long are not shown any more.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(60);
-
-/// Deadlines in a row.
-const MOST_MISSES: u32 = 3;
-
-/// The most pixels of a tile: its JPEG is to be smaller than a message.
-const MOST_PIXELS: u32 = 1 << 19;
-
-/// The speed of a worker that has rendered nothing, as a share of the coordinator's.
-const FIRST_SPEED: f64 = 0.5;
-
-/// What a late tile leaves of a worker's speed.
-const SLOWED: f64 = 0.5;
-
-/// What the newest tile counts in a speed.
-const NEWEST: f64 = 0.4;
 
 /// How a view reaches workers.
 #[derive(Clone)]
@@ -94,12 +77,7 @@ struct Member {
     open: u32,
     /// When it may be asked whether it is ready.
     asks_at: Instant,
-    /// Pixels a second, from the question to the answer.
-    speed: f64,
-    /// Deadlines that it has missed since its last tile.
-    misses: u32,
-    /// The newest frame with a late tile.
-    late_frame: u64,
+    record: Record,
     tiles: u64,
     late: u64,
     /// Milliseconds and rows of its last tile, and bytes of all.
@@ -125,8 +103,7 @@ pub(super) struct Crew {
     view: u64,
     frame: u64,
     members: Vec<Member>,
-    /// Pixels a second of this process.
-    own_speed: f64,
+    own_speed: Speed,
     own_tiles: u64,
     own: (f64, u32),
     looked: Option<Instant>,
@@ -145,7 +122,7 @@ impl Crew {
             view,
             frame: 0,
             members: Vec::new(),
-            own_speed: 0.0,
+            own_speed: Speed::default(),
             own_tiles: 0,
             own: (0.0, 0),
             looked: None,
@@ -196,29 +173,13 @@ impl Crew {
     }
 
     /// Divides a frame by what workers and this process have been able to do. `None` if no one helps.
-    pub fn split(&self, [width, height]: [u32; 2]) -> Option<Split> {
-        if self.own_speed <= 0.0 {
-            return None;
-        }
+    pub fn split(&self, size: [u32; 2]) -> Option<Split> {
         let ready: Vec<&Member> =
             self.members.iter().filter(|member| member.is_ready && member.open == 0).collect();
-        let strips = height.div_ceil(STRIP_ROWS);
-        let speeds = ready.iter().map(|member| match member.speed {
-            0.0 => FIRST_SPEED * self.own_speed,
-            speed => speed,
-        });
-        let speeds: Vec<f64> = std::iter::once(self.own_speed).chain(speeds).collect();
-        let counts = portions(strips, &speeds);
-        let rows = |first: u32, count: u32| first * STRIP_ROWS..((first + count) * STRIP_ROWS).min(height);
-        let most = (MOST_PIXELS / width.max(1) / STRIP_ROWS).max(1);
-        let (mut next, mut tiles) = (counts[0], Vec::new());
-        for (member, &count) in ready.iter().zip(&counts[1..]) {
-            for first in (0..count).step_by(most as usize) {
-                tiles.push((member.address.clone(), rows(next + first, most.min(count - first))));
-            }
-            next += count;
-        }
-        (!tiles.is_empty()).then(|| Split { own: rows(0, counts[0]), tiles })
+        let speeds: Vec<Speed> = ready.iter().map(|member| member.record.speed()).collect();
+        let Division { own, tiles } = decisions::divide(size, self.own_speed, &speeds)?;
+        let tiles = tiles.into_iter().map(|(place, rows)| (ready[place].address.clone(), rows)).collect();
+        Some(Split { own, tiles })
     }
 
     /// Asks for the tiles of a frame. `ask` has all but view, frame, rows and time. Returns the frame's number.
@@ -258,8 +219,9 @@ impl Crew {
                     member.refuse(now, "it sends something else than was asked for");
                     return Some(Arrived::Lost(frame, rows));
                 }
-                if frame > member.late_frame {
-                    member.count(rows.len() as u32, width, seconds, tile.jpeg.len());
+                let height = rows.len() as u32;
+                if member.record.came(frame, height, width, seconds) {
+                    member.count(height, seconds, tile.jpeg.len());
                 }
                 return Some(Arrived::Tile(frame, tile));
             }
@@ -292,7 +254,7 @@ impl Crew {
     /// Takes note of what this process has rendered.
     pub fn count_own(&mut self, rows: u32, width: u32, time: Duration) {
         let seconds = time.as_secs_f64();
-        self.own_speed = mixed(self.own_speed, f64::from(rows) * f64::from(width) / seconds.max(1e-6));
+        self.own_speed.add(rows, width, seconds);
         self.own_tiles += 1;
         self.own = (1e3 * seconds, rows);
     }
@@ -321,9 +283,7 @@ impl Member {
             is_ready: false,
             open: 0,
             asks_at: now,
-            speed: 0.0,
-            misses: 0,
-            late_frame: 0,
+            record: Record::default(),
             tiles: 0,
             late: 0,
             last_ms: 0.0,
@@ -332,9 +292,8 @@ impl Member {
         }
     }
 
-    fn count(&mut self, rows: u32, width: u32, seconds: f64, bytes: usize) {
-        self.speed = mixed(self.speed, f64::from(rows) * f64::from(width) / seconds.max(1e-6));
-        (self.misses, self.tiles) = (0, self.tiles + 1);
+    fn count(&mut self, rows: u32, seconds: f64, bytes: usize) {
+        self.tiles += 1;
         (self.last_ms, self.last_rows) = (1e3 * seconds, rows);
         self.bytes += bytes as u64;
         metrics::counter!("raystream_live_tiles_total", "result" => "in time").increment(1);
@@ -344,21 +303,18 @@ impl Member {
 
     /// A tile of a frame is late. A frame counts once.
     fn miss(&mut self, frame: u64, now: Instant) {
-        if frame <= self.late_frame {
+        let late = self.record.late(frame);
+        if late == Late::Known {
             return;
         }
-        self.late_frame = frame;
         self.late += 1;
-        self.misses += 1;
-        self.speed *= SLOWED;
         metrics::counter!("raystream_live_tiles_total", "result" => "late").increment(1);
-        if self.misses >= MOST_MISSES {
+        if late == Late::Rests {
             log::warn!(
-                "a live view: worker {} has missed {} deadlines and is left alone",
-                self.name,
-                self.misses
+                "a live view: worker {} has missed {MOST_MISSES} deadlines and is left alone",
+                self.name
             );
-            (self.is_ready, self.asks_at, self.misses) = (false, now + REST, 0);
+            (self.is_ready, self.asks_at) = (false, now + REST);
         }
     }
 
@@ -371,7 +327,7 @@ impl Member {
     fn share(&self) -> WorkerShare {
         WorkerShare {
             name: self.name.clone(),
-            state: match (self.is_ready, self.misses) {
+            state: match (self.is_ready, self.record.misses()) {
                 (false, _) => "away",
                 (true, 0) => "ready",
                 _ => "late",
@@ -381,46 +337,6 @@ impl Member {
             tiles: self.tiles,
             late: self.late,
             bytes: self.bytes,
-        }
-    }
-}
-
-/// A speed after another measurement.
-fn mixed(speed: f64, newest: f64) -> f64 {
-    if speed == 0.0 { newest } else { speed + NEWEST * (newest - speed) }
-}
-
-/// Divides strips by speeds. The first one gets at least one strip, and so does each other for which there is one.
-fn portions(strips: u32, speeds: &[f64]) -> Vec<u32> {
-    let mut counts = vec![0; speeds.len()];
-    let some = speeds.len().min(strips as usize);
-    let all: f64 = speeds[..some].iter().sum();
-    let mut left = strips;
-    // The last of them first: the coordinator gets what is left.
-    for place in (1..some).rev() {
-        let ideal = (f64::from(strips) * speeds[place] / all).round() as u32;
-        counts[place] = ideal.clamp(1, left - place as u32);
-        left -= counts[place];
-    }
-    counts[0] = left;
-    counts
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn strips_are_divided_by_speed_and_all_are_given() {
-        assert_eq!(portions(30, &[1.0, 1.0, 1.0]), [10, 10, 10]);
-        assert_eq!(portions(30, &[1.0, 2.0]), [10, 20]);
-        assert_eq!(portions(2, &[1.0, 1.0, 1.0]), [1, 1, 0], "no strip for the third");
-        assert_eq!(portions(1, &[1.0, 9.0]), [1, 0]);
-        assert_eq!(portions(10, &[1.0, 1e9, 1e-9]), [1, 8, 1], "everyone has one, to be measured by");
-        for strips in 1..60 {
-            let counts = portions(strips, &[3.0, 1.0, 0.5, 7.0]);
-            assert_eq!(counts.iter().sum::<u32>(), strips);
-            assert!(counts[0] > 0);
         }
     }
 }

@@ -85,11 +85,13 @@ impl Shared {
         self.view.ask(Request::Camera { generation: self.generation, pose });
         loop {
             self.take_replies();
-            let frame = self.view.take_frame();
-            if let Some(frame) =
-                frame.filter(|frame| frame.generation == self.generation && frame.flags.moving)
-            {
-                return (frame, began.elapsed());
+            let frame = self.view.take_frame().filter(|frame| frame.generation == self.generation);
+            if let Some(frame) = frame {
+                if frame.flags.moving {
+                    return (frame, began.elapsed());
+                }
+                // This thread came too late: the full picture has replaced the moving frame.
+                return self.frame(eye);
             }
             self.woken.recv_timeout(PATIENCE).expect("a frame");
         }

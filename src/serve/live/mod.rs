@@ -15,6 +15,7 @@ mod camera;
 mod crew;
 #[cfg(test)]
 mod crew_tests;
+pub(crate) mod decisions;
 mod display;
 mod edit;
 mod encoder;

@@ -1,16 +1,13 @@
 //! A moving frame that several machines render.
 
 use super::crew::Split;
+use super::decisions::{self, COARSE};
 use super::encoder::SharedPicture;
-use super::strips::STRIP_ROWS;
 use crate::farm::Tile;
 use crate::film::{Image, Light, Look};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Rows that did not come are shown at this fraction of width and height.
-const COARSE: u32 = 4;
 
 /// Rows as they are shown.
 #[derive(Clone, Debug)]
@@ -144,11 +141,8 @@ impl SharedFrame {
     /// The size of a coarse frame, and its rows that cover what is missing.
     pub fn fill(&mut self) -> Option<([u32; 2], Range<u32>)> {
         let missing = self.missing();
-        let (first, last) = (missing.first()?.start, missing.last()?.end);
-        let [_, height] = self.size;
-        let size = self.size.map(|side| side.div_ceil(COARSE));
-        debug_assert!(STRIP_ROWS.is_multiple_of(COARSE) && (last.is_multiple_of(COARSE) || last == height));
-        let rows = first / COARSE..last.div_ceil(COARSE);
+        let all = missing.first()?.start..missing.last()?.end;
+        let (size, rows) = decisions::coarse(self.size, &all);
         self.filling = Some(rows.clone());
         Some((size, rows))
     }

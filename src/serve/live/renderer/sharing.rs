@@ -1,6 +1,7 @@
 //! Moving frames that workers on other machines render, too.
 
 use super::super::crew::{Arrival, Arrived};
+use super::super::decisions::DEADLINE;
 use super::super::encoder::{Content, Shown};
 use super::super::shared_frame::SharedFrame;
 use super::super::tile::{path_tracer, rows_of};
@@ -10,10 +11,7 @@ use crate::film::Exposure;
 use crate::render::Settings;
 use crate::schedule::JobReport;
 use crate::serve::live::Pose;
-use std::time::{Duration, Instant};
-
-/// A frame is whole this long after it began, or as soon as what is missing then has been rendered coarsely.
-const DEADLINE: Duration = Duration::from_millis(80);
+use std::time::Instant;
 
 impl Renderer {
     /// Asks workers for rows of the next moving frame. `None` if this process renders it alone: no worker is ready, or
