@@ -355,7 +355,7 @@ impl Film {
         assert!(self.is_of_kind(other), "films of one kind can be added");
         for (pixel, (sums, more)) in self.sums.iter().zip(&other.sums).enumerate() {
             let _stripe = self.stripes.lock(pixel as u32);
-            add(sums, more.each_ref().map(|sum| sum.load(Relaxed)));
+            add(sums, [more[0].load(Relaxed), more[1].load(Relaxed), more[2].load(Relaxed)]);
         }
         for (count, more) in self.samples.iter().zip(&other.samples) {
             count.fetch_add(more.load(Relaxed), Relaxed);
@@ -454,7 +454,11 @@ impl Film {
             .zip(&self.samples[pixels])
             .map(|(sums, samples)| match samples.load(Relaxed) {
                 0 => [0.0; 3],
-                n => sums.each_ref().map(|sum| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32),
+                n => {
+                    // No `map`, which is no inlined loop.
+                    let mean = |sum: &AtomicI64| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32;
+                    [mean(&sums[0]), mean(&sums[1]), mean(&sums[2])]
+                }
             })
             .collect()
     }

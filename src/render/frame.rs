@@ -219,6 +219,16 @@ impl Frame {
         Ok(Self { lens, ..self.with_pass(self.pass.clone()) })
     }
 
+    /// [`Frame::with_part`] of the same frame for another camera.
+    ///
+    /// # Errors
+    /// If the frame does not have all samples of the part, or the part has none, or the camera is invalid.
+    #[cfg(feature = "serve")]
+    pub(crate) fn part_seen_by(&self, camera: &Camera, part: Part) -> Result<Self, SettingsError> {
+        let lens = camera.lens(self.settings.width, self.settings.height)?;
+        Ok(Self { lens, ..self.with_part(part)? })
+    }
+
     /// The same frame of the scene with another appearance ([`LitScene::with_scene`]), with its own film.
     pub fn with_scene(&self, scene: &Arc<Scene>) -> Self {
         Self { scene: self.scene.with_scene(Arc::clone(scene)), ..self.with_pass(self.pass.clone()) }

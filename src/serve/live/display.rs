@@ -45,9 +45,10 @@ impl DisplayTable {
         debug_assert_eq!(look.view(), self.view);
         let stops = look.with_exposure(Exposure::Stops(look.stops(image))).stops(image);
         let gain = libm::exp2f(stops);
-        let mut bytes = Vec::with_capacity(3 * image.pixels.len());
-        for pixel in &image.pixels {
-            bytes.extend(self.at(pixel.map(|channel| place(channel * gain))));
+        let mut bytes = vec![0; 3 * image.pixels.len()];
+        // No `map` of arrays, here and below: it is no inlined loop.
+        for (shown, &[r, g, b]) in bytes.as_chunks_mut().0.iter_mut().zip(&image.pixels) {
+            *shown = self.at([place(r * gain), place(g * gain), place(b * gain)]);
         }
         bytes
     }
@@ -55,16 +56,28 @@ impl DisplayTable {
     /// The bytes at a place of the table, in nodes.
     #[inline(always)]
     fn at(&self, place: [f32; 3]) -> [u8; 3] {
-        let cell = place.map(|x| (x as usize).min(NODES - 2));
-        let share: [f32; 3] = std::array::from_fn(|axis| place[axis] - cell[axis] as f32);
+        let (mut cell, mut share) = ([0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            cell[axis] = (place[axis] as usize).min(NODES - 2);
+            share[axis] = place[axis] - cell[axis] as f32;
+        }
         let first = cell[0] + NODES * (cell[1] + NODES * cell[2]);
-        let mix = |a: [f32; 3], b: [f32; 3], t: f32| -> [f32; 3] {
-            std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t)
-        };
-        let edge = |at: usize| mix(self.nodes[at], self.nodes[at + 1], share[0]);
-        let face = |at: usize| mix(edge(at), edge(at + NODES), share[1]);
-        mix(face(first), face(first + NODES * NODES), share[2]).map(|light| (light * 255.0 + 0.5) as u8)
+        let [r, g, b] = mix(self.face(first, share), self.face(first + NODES * NODES, share), share[2]);
+        let byte = |light: f32| (light * 255.0 + 0.5) as u8;
+        [byte(r), byte(g), byte(b)]
     }
+
+    #[inline(always)]
+    fn face(&self, at: usize, share: [f32; 3]) -> [f32; 3] {
+        let nodes = &self.nodes;
+        let near = mix(nodes[at], nodes[at + 1], share[0]);
+        mix(near, mix(nodes[at + NODES], nodes[at + NODES + 1], share[0]), share[1])
+    }
+}
+
+#[inline(always)]
+fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
+    [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share]
 }
 
 /// The place of a radiance along an axis of the table, in nodes.

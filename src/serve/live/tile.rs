@@ -22,8 +22,15 @@ pub struct TileScene {
     /// What a pose does not say of a camera.
     camera: Camera,
     service: Arc<Service>,
-    /// The scene with the edits that were wanted last.
-    edited: Mutex<(EditList, PreparedScene)>,
+    /// What was wanted last.
+    ready: Mutex<Ready>,
+}
+
+/// The scene with edits, and its frames of one size. A tile's film takes the memory of the one before it.
+struct Ready {
+    edits: EditList,
+    prepared: PreparedScene,
+    path: Option<PathTracer>,
 }
 
 impl std::fmt::Debug for TileScene {
@@ -38,11 +45,16 @@ pub(super) fn first_camera(prepared: &PreparedScene) -> Camera {
     scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0))
 }
 
+/// All samples of these rows of a picture.
+fn part(settings: &Settings, rows: Range<u32>) -> Part {
+    let Settings { width, spp, .. } = *settings;
+    let region = Region { x: 0, y: rows.start, width, height: rows.len() as u32 };
+    Part { region, samples: 0..spp }
+}
+
 /// A frame of these rows of a picture, from its first sample, without any job.
 pub(super) fn rows_of(path: PathTracer, rows: Range<u32>) -> Result<Progressive<PathTracer>, String> {
-    let Settings { width, spp, .. } = *path.frame().settings();
-    let region = Region { x: 0, y: rows.start, width, height: rows.len() as u32 };
-    let part = path.with_part(Part { region, samples: 0..spp }).map_err(|error| error.to_string())?;
+    let part = path.with_part(part(path.frame().settings(), rows)).map_err(|error| error.to_string())?;
     Ok(Progressive::new(part, PassOptions::default()))
 }
 
@@ -69,19 +81,31 @@ impl TileScene {
         // The first tile has no time to make it.
         table(View::default());
         let camera = first_camera(prepared);
-        let edited = Mutex::new((EditList::default(), prepared.clone()));
-        Self { prepared: prepared.clone(), camera, service: Arc::clone(service), edited }
+        let ready = Ready { edits: EditList::default(), prepared: prepared.clone(), path: None };
+        Self { prepared: prepared.clone(), camera, service: Arc::clone(service), ready: Mutex::new(ready) }
     }
 
-    /// The scene with edits.
-    fn edited(&self, list: &EditList) -> Result<PreparedScene, String> {
-        let mut edited = self.edited.lock().unwrap_or_else(PoisonError::into_inner);
-        if edited.0 != *list {
-            let scene = Edits::new(list)?.of(&self.prepared.scene)?;
+    /// The scene with edits, and the rows of a frame that are asked for, with a film of their own.
+    fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
+        let camera = ask.pose.camera(&self.camera, ask.size).map_err(|error| error.to_string())?;
+        let [width, height] = ask.size;
+        let settings = Settings::new(width, height).with_seed(ask.seed).with_spp(ask.spp);
+        let settings = settings.with_max_bounces(ask.max_bounces);
+        let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        if ready.edits != ask.edits {
+            let scene = Edits::new(&ask.edits)?.of(&self.prepared.scene)?;
             let prepared = self.prepared.with_scene(scene).map_err(|error| error.to_string())?;
-            *edited = (list.clone(), prepared);
+            *ready = Ready { edits: ask.edits.clone(), prepared, path: None };
         }
-        Ok(edited.1.clone())
+        let is_right = |path: &PathTracer| *path.frame().settings() == settings;
+        let path = match ready.path.take().filter(is_right) {
+            Some(path) => path,
+            None => path_tracer(&ready.prepared, &camera, settings)?,
+        };
+        let frame = path.frame().part_seen_by(&camera, part(&settings, ask.rows.clone()));
+        let rows = frame.map(|frame| path.with_frame(frame)).map_err(|error| error.to_string());
+        ready.path = Some(path);
+        Ok((ready.prepared.clone(), rows?))
     }
 
     /// Renders a tile at interactive priority. `None` if it was no longer wanted before it was ready.
@@ -90,25 +114,21 @@ impl TileScene {
     /// Why it cannot be rendered.
     pub fn tile(&self, ask: &TileAsk, is_wanted: impl Fn() -> bool) -> Result<Option<Tile>, String> {
         let began = Instant::now();
-        let prepared = self.edited(&ask.edits)?;
-        let camera = ask.pose.camera(&self.camera, ask.size).map_err(|error| error.to_string())?;
         let view = View::ALL.into_iter().find(|view| view.name() == ask.transform);
         let view = view.ok_or_else(|| format!("{:?} is no view transform", ask.transform))?;
-        let [width, height] = ask.size;
-        let settings = Settings::new(width, height).with_seed(ask.seed).with_spp(ask.spp);
-        let path = path_tracer(&prepared, &camera, settings.with_max_bounces(ask.max_bounces))?;
-        let mut frame = rows_of(path, ask.rows.clone())?;
+        let (prepared, path) = self.rows(ask)?;
+        let path = Arc::new(path);
         let options = JobOptions::default().with_name("live tile").with_priority(Priority::Interactive);
-        let begun = frame.begin(|pass| prepared.submit(&self.service, Arc::clone(pass), options.clone()));
-        begun.map_err(|error| error.to_string())?;
-        while !frame.wait_for(LOOK) {
+        let job = prepared.submit(&self.service, Arc::clone(&path), options);
+        let job = job.map_err(|error| error.to_string())?;
+        while !job.wait_for(LOOK) {
             if !is_wanted() {
-                // Dropping a frame cancels its jobs.
+                // Dropping its handle cancels the job.
                 return Ok(None);
             }
         }
-        frame.finish_pass().map_err(|error| error.to_string())?;
-        let image = frame.develop().image;
+        job.wait().map_err(|error| error.to_string())?;
+        let image = path.frame().develop(path.frame().film()).image;
         let look = Look::default().with_view(view).with_exposure(Exposure::Stops(ask.stops));
         let light = if ask.is_metered { Light::of(&image) } else { Light::default() };
         let jpeg = Arc::new(jpeg_of(&image, &look)?);
