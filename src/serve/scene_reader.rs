@@ -3,9 +3,9 @@
 use super::{Limits, Pictures, Shots};
 use crate::schedule::Service;
 use serde_json::{Map, Value};
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Scenes that are remembered as loadable. One that was forgotten is tried again.
 const REMEMBERED: usize = 1024;
@@ -14,7 +14,20 @@ const REMEMBERED: usize = 1024;
 pub struct SceneReader {
     pictures: Arc<dyn Pictures>,
     limits: Limits,
-    loadable: Mutex<VecDeque<String>>,
+    tries: Tries,
+}
+
+/// What has been tried, by a key, and what is being tried.
+#[derive(Debug, Default)]
+struct Tries {
+    state: Mutex<State>,
+    ended: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    passed: VecDeque<String>,
+    under_way: HashSet<String>,
 }
 
 impl std::fmt::Debug for SceneReader {
@@ -26,7 +39,7 @@ impl std::fmt::Debug for SceneReader {
 impl SceneReader {
     /// A reader that has read nothing yet.
     pub fn new(pictures: Arc<dyn Pictures>, limits: Limits) -> Self {
-        Self { pictures, limits, loadable: Mutex::default() }
+        Self { pictures, limits, tries: Tries::default() }
     }
 
     /// The scheduler that renders what is read.
@@ -46,7 +59,7 @@ impl SceneReader {
     ) -> Result<Box<dyn Shots>, String> {
         let of_loader = ["allow-missing", "env", "variant"].map(|key| options.get(key));
         let key = format!("{} {of_loader:?}", scene.display());
-        if !self.is_loadable(&key) {
+        self.tries.once(&key, || {
             let triangles = self.pictures.try_scene(options, scene, folder, self.limits.load_time)?;
             let most = self.limits.triangles;
             if triangles > most {
@@ -54,22 +67,90 @@ impl SceneReader {
                     "triangles: the scene has {triangles}, and the limit is {most}; make it smaller"
                 ));
             }
-            self.remember(key);
-        }
+            Ok(())
+        })?;
         self.pictures.open(options, scene, folder)
     }
+}
 
-    fn is_loadable(&self, key: &str) -> bool {
-        self.loadable.lock().expect("no holder panics").iter().any(|known| known == key)
+impl Tries {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn remember(&self, key: String) {
-        let mut loadable = self.loadable.lock().expect("no holder panics");
-        if !loadable.contains(&key) {
-            if loadable.len() >= REMEMBERED {
-                loadable.pop_front();
+    /// Tries what has not passed before. One thread does it; others that want the same wait, and try it themselves if
+    /// it has failed.
+    fn once<E>(&self, key: &str, work: impl FnOnce() -> Result<(), E>) -> Result<(), E> {
+        let mut state = self.lock();
+        loop {
+            if state.passed.iter().any(|known| known == key) {
+                return Ok(());
             }
-            loadable.push_back(key);
+            if state.under_way.insert(key.to_owned()) {
+                break;
+            }
+            state = self.ended.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
+        drop(state);
+        let own = UnderWay { tries: self, key };
+        work()?;
+        let mut state = self.lock();
+        if state.passed.len() >= REMEMBERED {
+            state.passed.pop_front();
+        }
+        state.passed.push_back(key.to_owned());
+        drop(state);
+        drop(own);
+        Ok(())
+    }
+}
+
+/// What is being tried, until it is dropped, even by a panic.
+struct UnderWay<'a> {
+    tries: &'a Tries,
+    key: &'a str,
+}
+
+impl Drop for UnderWay<'_> {
+    fn drop(&mut self) {
+        self.tries.lock().under_way.remove(self.key);
+        self.tries.ended.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+    use std::time::Duration;
+
+    #[test]
+    fn a_scene_is_tried_once_however_many_want_it() {
+        let (tries, count) = (Tries::default(), AtomicU32::new(0));
+        let work = || {
+            count.fetch_add(1, Relaxed);
+            std::thread::sleep(Duration::from_millis(30));
+            Ok::<(), String>(())
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| tries.once("a", work).expect("it passes"));
+            }
+        });
+        assert_eq!(count.load(Relaxed), 1);
+        tries.once("b", work).expect("it passes");
+        assert_eq!(count.load(Relaxed), 2, "another scene is tried");
+    }
+
+    #[test]
+    fn a_try_that_fails_or_panics_leaves_the_next_one_free() {
+        let tries = Tries::default();
+        assert_eq!(tries.once("a", || Err("no")), Err("no"));
+        let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            tries.once("a", || -> Result<(), String> { panic!("a loader's") })
+        }));
+        assert!(panicked.is_err());
+        assert_eq!(tries.once("a", || Ok::<(), String>(())), Ok(()));
+        assert_eq!(tries.once("a", || Err("it is not tried again")), Ok(()));
     }
 }
