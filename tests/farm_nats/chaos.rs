@@ -1,10 +1,12 @@
 //! Many things go wrong, at moments that a seed chooses. Every job ends with the right hash.
 
+use crate::links::{CUT, Links};
 use crate::machines::{Nats, Worker};
 use crate::relay::{Relay, mix};
 use crate::service::PATIENCE;
 use crate::{SIZE, Service, coordinator, folder, rendered, shipped};
 use serde_json::{Value, json};
+use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
 
 /// Runs unless `RAYSTREAM_CHAOS` asks for more.
@@ -15,6 +17,8 @@ const TIME: Duration = Duration::from_secs(25);
 
 /// Faults of a run.
 const FAULTS: u64 = 4;
+
+const WORKERS: usize = 3;
 
 /// Jobs and their hashes.
 fn jobs() -> Vec<(Value, String)> {
@@ -55,6 +59,8 @@ struct Stage {
     cuts: String,
     service: Option<Service>,
     workers: Vec<Worker>,
+    /// Behind which they are, where there are some.
+    links: Option<Links>,
     random: Box<dyn FnMut(u64) -> u64>,
 }
 
@@ -76,14 +82,23 @@ impl Stage {
         let mut random: Box<dyn FnMut(u64) -> u64> =
             Box::new(move |of| mix(mix(seed) ^ steps.next().expect("endless")) % of);
         let nats = Nats::start();
-        let relay = Relay::start(nats.port(), random(1 << 40));
+        let links = Links::try_new(WORKERS);
+        let at = links.as_ref().map_or(Ipv4Addr::LOCALHOST, Links::address);
+        let relay = Relay::start(at, nats.port(), random(1 << 40));
         let (data, cuts) = (folder(), random(1000).to_string());
-        let mut own = Self { nats, relay, data, cuts, service: None, workers: Vec::new(), random };
+        let mut own = Self { nats, relay, data, cuts, service: None, workers: Vec::new(), links, random };
         own.start_service(None);
-        for number in 0..3 {
-            own.workers.push(Worker::start(&own.relay.url(), &format!("w{number}"), &[]));
+        for place in 0..WORKERS {
+            own.workers.push(own.worker(place, &format!("w{place}"), &[]));
         }
         own
+    }
+
+    fn worker(&self, place: usize, name: &str, options: &[&str]) -> Worker {
+        match &self.links {
+            Some(links) => Worker::behind(links, place, &self.relay.url(), name, options),
+            None => Worker::start(&self.relay.url(), name, options),
+        }
     }
 
     fn service(&self) -> &Service {
@@ -100,15 +115,15 @@ impl Stage {
     /// Something goes wrong.
     fn fault(&mut self, number: u64) {
         let moment = Duration::from_millis((self.random)(2500));
-        let worker = (self.random)(self.workers.len() as u64) as usize;
-        let choice = (self.random)(8);
+        let worker = (self.random)(WORKERS as u64) as usize;
+        let choice = (self.random)(9);
         let after = (self.random)(4);
         match choice {
             0 | 1 => {
                 self.workers[worker].process.kill();
                 let place = format!("{}:{after}", ["unit-rendered", "result-sent"][choice as usize]);
                 let name = format!("w{worker}-{number}");
-                self.workers[worker] = Worker::start(&self.relay.url(), &name, &["--failpoint", &place]);
+                self.workers[worker] = self.worker(worker, &name, &["--failpoint", &place]);
             }
             2 => self.workers[worker].process.pause(moment),
             3 => {
@@ -132,16 +147,17 @@ impl Stage {
                 self.nats.restart();
             }
             6 => self.nats.pause(moment),
-            _ => self.relay.cut(moment),
+            7 => self.relay.cut(moment),
+            _ => self.links.iter().for_each(|links| links.cut(worker, CUT)),
         }
     }
 
     /// Starts workers in the place of dead ones: their failpoints may be passed long after the faults.
     fn replace_dead(&mut self) {
-        let url = self.relay.url();
-        for worker in &mut self.workers {
-            if !worker.process.is_alive() {
-                *worker = Worker::start(&url, &format!("{}-again", worker.name), &[]);
+        for place in 0..WORKERS {
+            if !self.workers[place].process.is_alive() {
+                let name = format!("{}-again", self.workers[place].name);
+                self.workers[place] = self.worker(place, &name, &[]);
             }
         }
     }

@@ -1,5 +1,6 @@
 //! A NATS server and workers, each a process that can be stopped, killed and started again.
 
+use crate::links::Links;
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Read;
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
@@ -160,8 +161,20 @@ pub struct Worker {
 
 impl Worker {
     pub fn start(url: &str, name: &str, options: &[&str]) -> Self {
+        Self::start_by(Command::new(env!("CARGO_BIN_EXE_raystream")), url, name, options)
+    }
+
+    /// One that reaches the server over a link of its own.
+    pub fn behind(links: &Links, place: usize, url: &str, name: &str, options: &[&str]) -> Self {
+        let mut command = Command::new("ip");
+        command.args(["netns", "exec", &links.space(place), env!("CARGO_BIN_EXE_raystream")]);
+        // The server is not at a loopback address there.
+        Self::start_by(command, url, name, &[options, &["--insecure"]].concat())
+    }
+
+    fn start_by(mut command: Command, url: &str, name: &str, options: &[&str]) -> Self {
         let cache = tempfile::tempdir().expect("a folder");
-        let child = Command::new(env!("CARGO_BIN_EXE_raystream"))
+        let child = command
             .env("RUST_LOG", "error")
             .args(["worker", "--nats", url, "--name", name, "--tracer", "cpu", "--threads", "1", "--cache"])
             .arg(cache.path())

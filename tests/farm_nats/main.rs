@@ -6,6 +6,7 @@
 mod attacks;
 mod chaos;
 mod faults;
+mod links;
 mod live;
 mod machines;
 mod pictures;

@@ -15,6 +15,7 @@ pub fn mix(value: u64) -> u64 {
 
 /// A relay to a port of this machine.
 pub struct Relay {
+    at: Ipv4Addr,
     port: u16,
     is_over: Arc<AtomicBool>,
     /// While true, nothing passes and nothing is closed: a cable that is cut.
@@ -22,13 +23,23 @@ pub struct Relay {
 }
 
 impl Relay {
-    pub fn start(to: u16, seed: u64) -> Self {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+    /// One at an address of this machine whose faults follow from a seed.
+    pub fn start(at: Ipv4Addr, to: u16, seed: u64) -> Self {
+        Self::with(at, to, Some(seed))
+    }
+
+    /// One without faults.
+    pub fn plain(at: Ipv4Addr, to: u16) -> Self {
+        Self::with(at, to, None)
+    }
+
+    fn with(at: Ipv4Addr, to: u16, seed: Option<u64>) -> Self {
+        let listener = TcpListener::bind((at, 0)).expect("a port");
         let port = listener.local_addr().expect("an address").port();
         let (is_over, is_cut) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-        let own = Self { port, is_over: Arc::clone(&is_over), is_cut: Arc::clone(&is_cut) };
+        let own = Self { at, port, is_over: Arc::clone(&is_over), is_cut: Arc::clone(&is_cut) };
         std::thread::spawn(move || {
-            let count = Arc::new(AtomicU64::new(seed));
+            let count = seed.map(|seed| Arc::new(AtomicU64::new(seed)));
             for client in listener.incoming().flatten() {
                 if is_over.load(SeqCst) {
                     return;
@@ -37,8 +48,8 @@ impl Relay {
                 for (from, to) in [(&client, &server), (&server, &client)] {
                     let (from, to) = (from.try_clone(), to.try_clone());
                     let (Ok(from), Ok(to)) = (from, to) else { continue };
-                    let (count, is_cut) = (Arc::clone(&count), Arc::clone(&is_cut));
-                    std::thread::spawn(move || pass(from, to, &count, &is_cut));
+                    let (count, is_cut) = (count.clone(), Arc::clone(&is_cut));
+                    std::thread::spawn(move || pass(from, to, count.as_deref(), &is_cut));
                 }
             }
         });
@@ -46,7 +57,7 @@ impl Relay {
     }
 
     pub fn url(&self) -> String {
-        format!("nats://127.0.0.1:{}", self.port)
+        format!("nats://{}:{}", self.at, self.port)
     }
 
     /// Lets nothing pass for a while.
@@ -61,12 +72,12 @@ impl Drop for Relay {
     fn drop(&mut self) {
         self.is_over.store(true, SeqCst);
         // Wakes the listener.
-        let _ = TcpStream::connect((Ipv4Addr::LOCALHOST, self.port));
+        let _ = TcpStream::connect((self.at, self.port));
     }
 }
 
 /// Passes bytes on until one side ends, or chance says so.
-fn pass(mut from: TcpStream, mut to: TcpStream, count: &AtomicU64, is_cut: &AtomicBool) {
+fn pass(mut from: TcpStream, mut to: TcpStream, count: Option<&AtomicU64>, is_cut: &AtomicBool) {
     let mut bytes = vec![0; 1 << 16];
     while let Ok(read) = from.read(&mut bytes) {
         if read == 0 {
@@ -75,7 +86,7 @@ fn pass(mut from: TcpStream, mut to: TcpStream, count: &AtomicU64, is_cut: &Atom
         while is_cut.load(SeqCst) {
             std::thread::sleep(Duration::from_millis(10));
         }
-        match mix(count.fetch_add(1, SeqCst)) % 1000 {
+        match count.map_or(u64::MAX, |count| mix(count.fetch_add(1, SeqCst)) % 1000) {
             0..=2 => break,
             3..=7 => std::thread::sleep(Duration::from_millis(700)),
             8..=60 => std::thread::sleep(Duration::from_millis(20)),
