@@ -22,6 +22,7 @@ pub fn run(args: &DoctorArgs) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     for (function, instructions) in &found {
+        let function = described(function);
         let named: Vec<&str> = instructions.iter().take(NAMED).map(String::as_str).collect();
         let more = if instructions.len() > NAMED { ", .." } else { "" };
         stdout_line!("{function} calls {}{more}", named.join(", "));
@@ -54,9 +55,31 @@ pub fn warn_of(examination: Option<JoinHandle<Callers>>) {
     let found = examination.map(JoinHandle::join).and_then(Result::ok).unwrap_or_default();
     for function in found.keys() {
         log::warn!(
-            "{function} is several times slower than it could be: mark it, and what it calls, #[inline(always)] \
-             (`raystream doctor` says more)"
+            "{} is several times slower than it could be: {} (`raystream doctor` says more)",
+            described(function),
+            remedy(function)
         );
+    }
+}
+
+/// Whether a function is the standard library's. What it calls over lanes is a closure of the user's, whose name its
+/// own lacks.
+fn is_of_std(function: &str) -> bool {
+    let path = function.trim_start_matches('<');
+    ["core::", "alloc::", "std::"].iter().any(|library| path.starts_with(library))
+}
+
+/// The name of a function, with what it says of the user's code.
+fn described(function: &str) -> String {
+    if is_of_std(function) { format!("a closure that is called by {function}") } else { function.to_owned() }
+}
+
+/// What makes a function fast.
+fn remedy(function: &str) -> &'static str {
+    if is_of_std(function) {
+        "closures over lanes are not inlined reliably; write a loop instead"
+    } else {
+        "mark it, and what it calls, #[inline(always)]"
     }
 }
 
@@ -168,6 +191,15 @@ mod tests {
         let name = "raystream::cli::doctor::tests::forgotten_polynomial";
         let instructions = found.get(name).unwrap_or_else(|| panic!("not among {:?}", found.keys()));
         assert!(instructions.iter().any(|name| name.contains("sqrt")), "{instructions:?}");
+    }
+
+    #[test]
+    fn a_closure_within_the_standard_library_is_called_one() {
+        let within = "<core::ops::try_trait::Wrapped<T,A,F> as core::ops::function::FnMut<(A,)>>::call_mut";
+        assert_eq!(described(within), format!("a closure that is called by {within}"));
+        assert!(remedy(within).ends_with("write a loop instead"));
+        let own = "mine::scorecard::polynomial";
+        assert!(described(own) == own && remedy(own).contains("#[inline(always)]"));
     }
 
     #[test]
