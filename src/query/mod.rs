@@ -9,7 +9,7 @@
 //! the same bits. Words are defined in `docs/glossary.md`.
 //!
 //! ```
-//! use glam::Vec3;
+//! use raystream::glam::Vec3;
 //! use raystream::query::{Hit, Mesh, Ray};
 //!
 //! let square = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];

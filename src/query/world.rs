@@ -22,7 +22,7 @@ thread_local! {
 /// tree until the instances of one are moved.
 ///
 /// ```
-/// use glam::{Affine3A, Vec3};
+/// use raystream::glam::{Affine3A, Vec3};
 /// use raystream::query::{Mesh, Ray, World};
 ///
 /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;

@@ -29,7 +29,7 @@ pub const LIGHT_DIMENSION: u32 = 1 << 16;
 /// Fog, lit by the scene's lights:
 ///
 /// ```
-/// use glam::Vec3;
+/// use raystream::glam::Vec3;
 /// use raystream::render::{RayHit, RayShader};
 ///
 /// struct Fog {
@@ -47,6 +47,20 @@ pub const LIGHT_DIMENSION: u32 = 1 << 16;
 ///         Vec3::splat(0.7 * (1.0 - clear))
 ///     }
 /// }
+/// ```
+///
+/// A payload is plain data ([`Pod`]). A crate that does not depend on `bytemuck` itself names the one that raystream
+/// re-exports:
+///
+/// ```
+/// use raystream::bytemuck::{Pod, Zeroable};
+///
+/// /// The weight of light along a ray.
+/// #[derive(Clone, Copy, Pod, Zeroable)]
+/// #[repr(C)]
+/// #[bytemuck(crate = "raystream::bytemuck")]
+/// struct Weight(f32);
+/// # assert_eq!(Weight::zeroed().0, 0.0);
 /// ```
 pub trait RayShader<P: Pod + Send + Sync = ()>: Send + Sync + 'static {
     /// The largest setting of max bounces.

@@ -14,7 +14,7 @@
 //! reflections are too weak to show, and a sun:
 //!
 //! ```
-//! use glam::Vec3;
+//! use raystream::glam::Vec3;
 //! use raystream::render::recursion::{Cx, Recursion, Shader};
 //! use raystream::engine::{PreparedScene, Units};
 //! use raystream::render::Settings;
