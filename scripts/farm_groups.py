@@ -11,7 +11,7 @@ PERIOD = 20_000
 
 
 class Group:
-    """A control group (version 1 or 2) that holds its processes to a share of a core."""
+    """A control group (version 1 or 2) that holds its processes to a share of a core. What else runs waits for them."""
 
     def __init__(self, share, period=PERIOD):
         self.name = f"raystream-{os.getpid()}-{time.monotonic_ns()}"
@@ -23,10 +23,12 @@ class Group:
                 self.folder.mkdir()
                 (self.folder / "cpu.cfs_period_us").write_text(str(period))
                 (self.folder / "cpu.cfs_quota_us").write_text(str(quota))
+                (self.folder / "cpu.shares").write_text("262144")
             elif (second / "cgroup.controllers").exists():
                 self.folder = second / self.name
                 self.folder.mkdir()
                 (self.folder / "cpu.max").write_text(f"{quota} {period}")
+                (self.folder / "cpu.weight").write_text("10000")
             else:
                 sys.exit("there are no control groups here: workers cannot be held to a share of a core")
         except OSError as error:

@@ -209,10 +209,8 @@ PLAIN = {
         ("best", "job_s.best", 1, "{:.2f}"),
         ("worst", "job_s.worst", 1, "{:.2f}"),
         ("share of its speed", "share", 1, "{:.3f}"),
-        ("least", "least_share", 1, "{:.3f}"),
         ("units", "units", 1, "{:.0f}"),
-        ("a unit loses, ms", "unit_lost_s", 1e3, "{:.1f}"),
-        ("between units, ms", "between_s", 1e3, "{:.1f}"),
+        ("a unit besides its samples, ms", "unit_overhead_s", 1e3, "{:.1f}"),
     ],
     "kernels": [
         ("a ray/triangle test (Table 1)", "kernel", None, "{}"),
