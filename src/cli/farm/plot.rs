@@ -37,8 +37,11 @@ fn text(curves: &[Curve]) -> Result<String, Box<dyn std::error::Error>> {
     let machines = bounds(curves.iter().flat_map(|curve| curve.seconds.iter().map(|point| point.0)));
     let seconds = bounds(curves.iter().flat_map(|curve| curve.seconds.iter().map(|point| point.1)));
     let machines_log = || machines.clone().log_scale();
-    panel(&upper, "seconds", machines_log(), seconds.log_scale(), curves, |curve| &curve.seconds)?;
-    panel(&lower, "efficiency", machines_log(), 0.0..1.05, curves, |curve| &curve.efficiency)?;
+    // Where no curve is.
+    let (seconds_title, efficiency_title) =
+        (("seconds", SeriesLabelPosition::UpperMiddle), ("efficiency", SeriesLabelPosition::UpperRight));
+    panel(&upper, seconds_title, machines_log(), seconds.log_scale(), curves, |curve| &curve.seconds)?;
+    panel(&lower, efficiency_title, machines_log(), 0.0..1.05, curves, |curve| &curve.efficiency)?;
     area.present()?;
     drop((upper, lower, area));
     Ok(text)
@@ -53,7 +56,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> Range<f64> {
 
 fn panel<X, Y>(
     area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    title: &str,
+    (title, legend): (&str, SeriesLabelPosition),
     x: X,
     y: Y,
     curves: &[Curve],
@@ -80,7 +83,7 @@ where
             .label(&curve.name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
     }
-    chart.configure_series_labels().background_style(WHITE).border_style(BLACK).draw()?;
+    chart.configure_series_labels().position(legend).background_style(WHITE).border_style(BLACK).draw()?;
     Ok(())
 }
 
