@@ -171,9 +171,10 @@ PLAIN = {
         ("median, ms", "latency.p50", 1e3, "{:.1f}"),
         ("p99, ms", "latency.p99", 1e3, "{:.1f}"),
         ("slowest, ms", "latency.worst", 1e3, "{:.1f}"),
-        ("MB at first", "memory_start", 1e-6, "{:.1f}"),
-        ("MB at last", "memory_end", 1e-6, "{:.1f}"),
-        ("most MB", "memory_most", 1e-6, "{:.1f}"),
+        ("MB after 10 s", "memory_start", 1e-6, "{:.1f}"),
+        ("after a fifth of the time", "memory_settled", 1e-6, "{:.1f}"),
+        ("at the end", "memory_end", 1e-6, "{:.1f}"),
+        ("most", "memory_most", 1e-6, "{:.1f}"),
     ],
     "served": [
         ("a long job", "configuration", None, "{}"),

@@ -22,6 +22,7 @@ mod queries;
 mod renderer;
 mod report;
 mod result;
+mod rows;
 mod scene_id;
 mod scope;
 mod service;

@@ -1,6 +1,6 @@
 //! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
-use super::SceneId;
+use super::{SceneId, rows};
 use crate::stream::{Hit, Ray, RayAppender};
 use bytemuck::Pod;
 
@@ -112,7 +112,7 @@ impl<P, S> Output<'_, P, S> {
         P: Copy,
     {
         self.rays.extend_from_row(rays, count);
-        extend_from_row(self.payloads, payloads, count);
+        rows::extend_from_row(self.payloads, payloads, count);
     }
 
     /// Emits a shadow ray. It comes back in [`Renderer::shadow`].
@@ -128,18 +128,6 @@ impl<P, S> Output<'_, P, S> {
         S: Copy,
     {
         self.shadow_rays.extend_from_row(rays, count);
-        extend_from_row(self.shadow_payloads, payloads, count);
+        rows::extend_from_row(self.shadow_payloads, payloads, count);
     }
-}
-
-/// Appends the first `count` elements of a row. Copies the whole row where there is room for it, which is faster: see
-/// [`RayAppender::extend_from_row`].
-#[inline(always)]
-fn extend_from_row<T: Copy>(to: &mut Vec<T>, row: &[T], count: usize) {
-    let len = to.len();
-    if to.capacity() - len < row.len() {
-        return to.extend_from_slice(&row[..count]);
-    }
-    to.extend_from_slice(row);
-    to.truncate(len + count);
 }

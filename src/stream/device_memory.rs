@@ -194,10 +194,16 @@ impl RayAppender<'_> {
     /// # Panics
     /// If the capacity is exceeded, or `row` has fewer than `count` rays.
     #[inline(always)]
+    #[allow(
+        clippy::manual_memcpy,
+        reason = "copy_from_slice is a call: it is not inlined across codegen units"
+    )]
     pub fn extend_from_row(&mut self, row: &[Ray], count: usize) {
         match self.memory.get_mut(*self.len..*self.len + row.len()) {
             Some(places) if count <= row.len() => {
-                places.copy_from_slice(row);
+                for i in 0..row.len() {
+                    places[i] = row[i];
+                }
                 *self.len += count;
             }
             _ => self.extend_from_slice(&row[..count]),
