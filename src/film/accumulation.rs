@@ -205,6 +205,7 @@ impl Film {
     }
 
     /// The sums of the half of the samples that [`Film::HALF`] marks, if it has some.
+    #[inline]
     pub(super) fn half(&self) -> Option<&Sums> {
         self.layers.as_ref().filter(|layers| layers.plan.halves).map(|layers| &layers.half)
     }
@@ -329,6 +330,7 @@ impl Film {
     }
 
     /// The factor from radiance to fixed point.
+    #[inline]
     pub(super) fn scale(&self) -> f64 {
         (1u64 << self.fraction_bits) as f64
     }

@@ -220,6 +220,7 @@ impl Film {
         self.layers.as_ref().map(|layers| &*layers.plan)
     }
 
+    #[inline]
     fn held(&self) -> &LayerSums {
         self.layers.as_ref().expect("the film has layers")
     }
@@ -293,6 +294,7 @@ impl Film {
     }
 
     /// Counts samples of the half that [`Film::HALF`] marks, which [`Film::add_samples`] counts as well.
+    #[inline]
     pub(crate) fn add_half_samples(&self, pixel: u32, samples: u32) {
         self.held().half_samples[pixel as usize].fetch_add(samples, Relaxed);
     }

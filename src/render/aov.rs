@@ -80,6 +80,7 @@ impl Aov {
     }
 
     /// Its bit in [`AovSet::bits`].
+    #[inline]
     pub(super) const fn bit(self) -> u32 {
         1 << self as u32
     }

@@ -50,6 +50,7 @@ impl ByChannel {
     }
 
     /// The rays of a channel, with the surface that they see.
+    #[inline]
     pub fn part(&self, channel: usize) -> (&[u32], Option<&OneChannel>) {
         (&self.rays[channel], Some(&self.channels[channel]))
     }

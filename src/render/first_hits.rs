@@ -152,6 +152,8 @@ impl Frame {
     ) {
         let (Some(layers), Some(plan)) = (self.layers(), self.film().plan()) else { return };
         if lanes.any() && (plan.hits || !plan.coverage.is_empty()) {
+            // A copy: `at` stays in registers where no call refers to it.
+            let at = &{ *at };
             pixel.lanes().outlined(AddHit { frame: self, layers, plan, material, at, pixel, lanes });
         }
     }

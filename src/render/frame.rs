@@ -269,6 +269,7 @@ impl Frame {
         pass.with_centres(has_centres && is_first)
     }
 
+    #[inline]
     pub(super) fn layers(&self) -> Option<&Arc<FrameLayers>> {
         self.layers.as_ref()
     }
@@ -294,6 +295,7 @@ impl Frame {
 
     /// The cone of camera rays. The samples of a pixel share its width, so pictures of many samples are as sharp as
     /// their textures.
+    #[inline]
     pub fn cone(&self) -> Cone<SingleLane> {
         let share = 1.0 / (self.settings.spp as f32).sqrt();
         let [width, spread] = self.lens.cone().map(|size| Num::from(size * share.max(LEAST_SHARE)));
@@ -331,10 +333,12 @@ impl Frame {
     /// The film that radiance is added to. While a job renders the frame, the film is too dark by what is in flight,
     /// because camera rays count as samples when they are emitted. [`super::Preview`] shows pictures that are right
     /// while [`super::Progressive`] renders.
+    #[inline]
     pub fn film(&self) -> &Arc<Film> {
         &self.film
     }
 
+    #[inline]
     pub(super) fn dropped(&self) -> &DroppedSplats {
         &self.dropped
     }

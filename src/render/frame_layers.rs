@@ -36,6 +36,7 @@ pub(super) struct Column {
 
 impl FrameLayers {
     /// The topmost object above an object.
+    #[inline]
     pub fn asset(&self, object: u32) -> u32 {
         self.assets[object as usize]
     }

@@ -280,7 +280,8 @@ impl Shading<'_, '_> {
         let t = hits.t;
         let (origin, direction) = rays_of(&self.batch, ids);
         let cone = state.cone.at(t);
-        let at = Interaction::staged(scene, material, direction, &hits, cone.width, staged);
+        let mut at = Interaction::without_finish(scene, material, direction, &hits, cone.width);
+        at.set_finish(scene, material, staged);
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }

@@ -65,7 +65,8 @@ impl<'a, L: Lanes> Node<'a, L> {
     ) -> Self {
         let scene = frame.scene();
         let width = cone.at(hits.t).width;
-        let at = Interaction::staged(scene, material, direction, hits, width, staged);
+        let mut at = Interaction::without_finish(scene, material, direction, hits, width);
+        at.set_finish(scene, material, staged);
         let mut emitted = match &material.emission {
             None => Vector::zero(direction.lanes()),
             Some(emission) => lookup::emission(scene, emission, &at.texture, at.front),

@@ -78,11 +78,13 @@ impl Effects {
     }
 
     /// Whether the surface emits light.
+    #[inline]
     pub fn emits(&self) -> bool {
         self.emission_bound > 0.0
     }
 
     /// Whether the finish must be known before the surface scatters light.
+    #[inline]
     pub(crate) fn act_before_scattering(&self) -> bool {
         self.emits() || self.has_opacity || self.has_normals
     }

@@ -73,11 +73,13 @@ impl Mipmap {
     }
 
     /// First texel, width and height of the image and of each level, as words.
+    #[inline]
     pub(super) fn levels(&self) -> &[u32] {
         bytemuck::cast_slice(&self.levels)
     }
 
     /// Index of the smallest level. 0 if there are no levels.
+    #[inline]
     pub(super) fn last(&self) -> u32 {
         (self.levels.len() as u32).saturating_sub(1)
     }
@@ -93,6 +95,7 @@ impl Mipmap {
     }
 
     /// What a texel of a level averages.
+    #[inline]
     pub(super) fn mean(&self) -> Averaging {
         self.mean
     }

@@ -109,6 +109,7 @@ impl Principled {
     }
 
     /// Whether the surface has a clear coat or other coats.
+    #[inline]
     pub fn has_coats(&self) -> bool {
         self.clearcoat.factor != 0.0 || !self.coats.is_empty()
     }

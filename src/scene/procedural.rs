@@ -87,6 +87,7 @@ impl ProceduralSurface {
     }
 
     /// What [`Procedural::effects`] returned.
+    #[inline]
     pub fn effects(&self) -> &Effects {
         &self.effects
     }

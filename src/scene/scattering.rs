@@ -134,6 +134,7 @@ impl ScatteringSurface {
     }
 
     /// Calls [`Scattering::transmits`].
+    #[inline]
     pub fn transmits(&self) -> bool {
         self.0.transmits()
     }

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 /// The linear value of each byte.
+#[inline]
 pub(super) fn table() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     TABLE.get_or_init(|| std::array::from_fn(|i| light(i as f64 / 255.0)))

@@ -66,44 +66,38 @@ impl<L: Lanes> Interaction<L> {
         hits: &Hits<L>,
         width: Num<L>,
     ) -> Self {
-        Self::staged(scene, material, direction, hits, width, None)
-    }
-
-    /// [`Interaction::new`] with the finishes of a procedural surface that is computed in blocks
-    /// ([`super::Stage`]).
-    #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn staged(
-        scene: &Scene,
-        material: &Material,
-        direction: Vector<L>,
-        hits: &Hits<L>,
-        width: Num<L>,
-        staged: Option<StagedFinish<'_>>,
-    ) -> Self {
         let mut new = Self::without_finish(scene, material, direction, hits, width);
-        if let Surface::Procedural(index) = material.surface {
-            let surface = &scene.procedurals[index as usize];
-            let l = direction.lanes();
-            let finish = match staged {
-                Some(staged) => staged.finish(l),
-                None if surface.effects().act_before_scattering() => {
-                    l.outlined(FinishTask { surface, points: new.points(scene) })
-                }
-                None => return new,
-            };
-            if surface.effects().has_normals {
-                let (normal, there) = finish.normal.normalize_or(new.basis.normal);
-                let bent = bend_where(normal, there, new.normal, new.wo, false);
-                new.basis = Basis::around(Vector::select(there, bent, new.basis.normal));
-            }
-            new.finish = Some(finish);
-        }
+        new.set_finish(scene, material, None);
         new
     }
 
-    /// The interactions before a procedural surface has computed their finishes.
+    /// Sets the finish of a procedural surface where it acts before scattering, and bends the normals by it. `staged`
+    /// are finishes that were computed in blocks ([`super::Stage`]).
+    ///
+    /// It changes the interactions where they are: moved, they would take a finish along, also where there is none.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub(super) fn without_finish(
+    pub fn set_finish(&mut self, scene: &Scene, material: &Material, staged: Option<StagedFinish<'_>>) {
+        let Surface::Procedural(index) = material.surface else { return };
+        let surface = &scene.procedurals[index as usize];
+        let l = self.wo.lanes();
+        let finish = match staged {
+            Some(staged) => staged.finish(l),
+            None if surface.effects().act_before_scattering() => {
+                l.outlined(FinishTask { surface, points: self.points(scene) })
+            }
+            None => return,
+        };
+        if surface.effects().has_normals {
+            let (normal, there) = finish.normal.normalize_or(self.basis.normal);
+            let bent = bend_where(normal, there, self.normal, self.wo, false);
+            self.basis = Basis::around(Vector::select(there, bent, self.basis.normal));
+        }
+        self.finish = Some(finish);
+    }
+
+    /// [`Interaction::new`] before [`Interaction::set_finish`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn without_finish(
         scene: &Scene,
         material: &Material,
         direction: Vector<L>,
@@ -135,7 +129,8 @@ impl<L: Lanes> Interaction<L> {
             basis,
             coat,
             finish: None,
-            texture,
+            // Field by field: `texture` as a whole would be a call of `memcpy`, around which registers are saved.
+            texture: TexturePoint { footprint: Footprint { ..texture.footprint }, ..texture },
             front: at.front,
             outside: at.outside,
             raised: at.raised(),

@@ -249,6 +249,7 @@ impl Storage {
 
 impl Sorted {
     /// The runs: first the misses, if there are any, then the materials in ascending order.
+    #[inline]
     pub fn runs(&self) -> impl Iterator<Item = Run<'_>> {
         let Storage { order, runs, len, .. } = &self.0;
         runs.iter().enumerate().map(move |(i, &(key, start))| {

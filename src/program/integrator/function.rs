@@ -67,6 +67,7 @@ impl HostFunction {
     }
 
     /// Whether it needs the surface that a ray has hit.
+    #[inline]
     pub fn needs_hit(self) -> bool {
         matches!(self, Self::World | Self::Leave | Self::Light | Self::Evaluate | Self::Sample | Self::Ways)
     }
@@ -95,6 +96,7 @@ pub struct HostCall<'a> {
 
 impl HostCall<'_> {
     /// Number of scalars that the call is given.
+    #[inline]
     pub fn operands(&self) -> usize {
         self.operands.len()
     }

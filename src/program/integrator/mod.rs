@@ -136,6 +136,7 @@ impl IntegratorShader {
     }
 
     /// The file's name.
+    #[inline]
     pub fn file(&self) -> &str {
         &self.file
     }
@@ -156,21 +157,25 @@ impl IntegratorShader {
     }
 
     /// The hit shader.
+    #[inline]
     pub fn hit(&self) -> &Piece {
         &self.hit
     }
 
     /// The miss shader.
+    #[inline]
     pub fn miss(&self) -> &Piece {
         &self.miss
     }
 
     /// The loop shaders: `resume`, and the rests of functions behind their calls of `trace`.
+    #[inline]
     pub fn loop_shaders(&self) -> &[Piece] {
         &self.loops
     }
 
     /// The loop shader that is `resume`.
+    #[inline]
     pub fn resume(&self) -> Option<u32> {
         self.resume
     }
@@ -182,11 +187,13 @@ impl IntegratorShader {
     }
 
     /// The most times that an entry is pushed again by `resume`.
+    #[inline]
     pub fn turns(&self) -> u32 {
         self.turns
     }
 
     /// Whether functions return radiance. What the camera ray's `hit` or `miss` returns is added to the pixel.
+    #[inline]
     pub fn returns(&self) -> bool {
         self.returns
     }

@@ -39,16 +39,19 @@ impl Piece {
     /// Inputs that the piece reads, as their numbers and registers. Those of a hit shader are the scalars of `Hit`,
     /// then the payload's; of a miss shader the direction's, then the payload's; of a loop shader the kept words, the
     /// kept truth values, and the three numbers of the answer.
+    #[inline]
     pub fn inputs(&self) -> &[(u32, Register)] {
         &self.code.inputs
     }
 
     /// Words that an entry keeps for the piece.
+    #[inline]
     pub fn words(&self) -> usize {
         self.words
     }
 
     /// Truth values that an entry keeps for the piece.
+    #[inline]
     pub fn truths(&self) -> usize {
         self.truths
     }
@@ -59,6 +62,7 @@ impl Piece {
     }
 
     /// The loop shader behind a call of `trace`; `None` if nothing is left to do there.
+    #[inline]
     pub fn loop_shader(&self, trace: u32) -> Option<u32> {
         self.loops[trace as usize]
     }
@@ -101,6 +105,7 @@ impl Piece {
     }
 
     /// A word of the result at a point.
+    #[inline]
     pub fn result(&self, columns: &Columns, index: usize, point: usize) -> u32 {
         self.code.outputs.get(index).map_or(0, |&register| columns.operand(register, BLOCK).at(point))
     }

@@ -98,10 +98,12 @@ thread_local! {
     static COLUMNS: RefCell<PieceColumns> = RefCell::default();
 }
 
+#[inline]
 fn take(piece: &Piece) -> Columns {
     COLUMNS.with_borrow_mut(|all| all.take(piece))
 }
 
+#[inline]
 fn put(piece: &Piece, columns: Columns) {
     COLUMNS.with_borrow_mut(|all| all.put(piece, columns));
 }
@@ -305,6 +307,7 @@ impl<'a> Shading<'a> {
 }
 
 /// Words of a loop shader's entries.
+#[inline]
 fn stride(piece: &Piece) -> usize {
     HEADER + piece.truths().div_ceil(32) + piece.words()
 }

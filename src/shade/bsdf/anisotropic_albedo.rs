@@ -117,6 +117,7 @@ fn read<L: Lanes>(entry: Int<L>) -> Reflectance<L> {
     Reflectance { deficit, grazing }
 }
 
+#[inline]
 fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {

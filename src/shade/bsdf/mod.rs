@@ -199,10 +199,17 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 transmittance: Vector::splat(l, *transmittance),
             }),
             Surface::Principled(surface) => {
-                let Interaction { texture, coat, outside, .. } = at;
-                let outside = *outside;
-                let construct = outlined::Construct { scene, surface, texture, coat, outside, smoothness };
-                Self::Principled(l.outlined(construct))
+                // Copies: `at` stays in registers where no call refers to it.
+                let Interaction { texture, coat, outside, .. } = *at;
+                let (texture, coat) = (&texture, &coat);
+                Self::Principled(l.outlined(outlined::Construct {
+                    scene,
+                    surface,
+                    texture,
+                    coat,
+                    outside,
+                    smoothness,
+                }))
             }
             Surface::Procedural(index) => {
                 let surface = &scene.procedurals[*index as usize];

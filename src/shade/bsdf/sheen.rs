@@ -149,6 +149,7 @@ impl<L: Lanes> OutlinedTask<L> for Lobe<L> {
 }
 
 /// Shares of white fibres: a row for each roughness. Nodes are evenly spaced in the root of the cosine.
+#[inline]
 fn table() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
     TABLE.get_or_init(|| {

@@ -135,6 +135,7 @@ pub fn grazing<L: Lanes>(share: Num<L>, index: f32) -> Num<L> {
     ((share - normal) * (1.0 / (1.0 - normal))).clamp(0.0, 1.0)
 }
 
+#[inline]
 fn table() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {

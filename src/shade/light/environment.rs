@@ -69,11 +69,13 @@ impl EnvironmentLight {
     }
 
     /// Whether the radiance is the same in all directions.
+    #[inline]
     pub fn is_even(&self) -> bool {
         matches!(self.kind, Kind::Constant(_))
     }
 
     /// Whether the radiance is 0 in all directions.
+    #[inline]
     pub fn is_black(&self) -> bool {
         matches!(self.kind, Kind::Constant(Vec3::ZERO))
     }

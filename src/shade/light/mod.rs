@@ -125,11 +125,13 @@ impl Lights {
     }
 
     /// Whether [`Lights::sample`] can return any light.
+    #[inline]
     pub fn are_sampled(&self) -> bool {
         self.powers.iter().any(|&power| power > 0.0)
     }
 
     /// The punctual lights.
+    #[inline]
     pub fn punctual(&self) -> &Punctual {
         &self.punctual
     }
@@ -140,11 +142,13 @@ impl Lights {
     }
 
     /// The environment.
+    #[inline]
     pub fn environment(&self) -> &EnvironmentLight {
         &self.environment
     }
 
     /// Bounds of all emissive surfaces.
+    #[inline]
     pub fn emitter_bounds(&self) -> &EmitterBounds {
         &self.emitter_bounds
     }

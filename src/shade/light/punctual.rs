@@ -51,6 +51,7 @@ impl Punctual {
     }
 
     /// Number of lights.
+    #[inline]
     pub fn len(&self) -> usize {
         self.records.len()
     }
