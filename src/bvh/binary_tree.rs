@@ -46,6 +46,7 @@ impl InnerNode {
         Self { min: [a, b, c], left_count: left_count as u32, negated_max: [x, y, z], choice }
     }
 
+    #[inline]
     pub fn bounds(&self) -> PackedBounds {
         let ([a, b, c], [x, y, z]) = (self.min, self.negated_max);
         PackedBounds([a, b, c, 0.0, x, y, z, 0.0])
@@ -76,25 +77,30 @@ impl Subtree {
     const REINSERTED: u32 = 1 << 31;
 
     /// The whole tree of the builder.
+    #[inline]
     pub fn built(count: u32) -> Self {
         Self { root: 0, first: 0, count }
     }
 
     /// The subtree under a reinserted node.
+    #[inline]
     pub fn reinserted(index: usize, count: u32) -> Self {
         Self { root: index as u32 | Self::REINSERTED, first: 0, count }
     }
 
     /// Whether its root is a reinserted node.
+    #[inline]
     pub fn is_reinserted(self) -> bool {
         self.root & Self::REINSERTED != 0
     }
 
+    #[inline]
     fn index(self) -> usize {
         (self.root & !Self::REINSERTED) as usize
     }
 
     /// Its references among all of the tree's. Its root must not be a reinserted node.
+    #[inline]
     pub fn references(self, all: &[Reference]) -> &[Reference] {
         &all[self.first as usize..][..self.count as usize]
     }
@@ -102,6 +108,7 @@ impl Subtree {
 
 impl BinaryTree {
     /// The whole tree; `None` if there are no primitives.
+    #[inline]
     pub fn root(&self) -> Option<Subtree> {
         let count = self.references.len() as u32;
         let root = match self.inner.reinserted.is_empty() {
@@ -112,6 +119,7 @@ impl BinaryTree {
     }
 
     /// The box around a subtree.
+    #[inline]
     pub fn bounds(&self, of: Subtree) -> PackedBounds {
         match of.count {
             1 => self.references[of.first as usize].bounds(),
@@ -146,6 +154,7 @@ impl BinaryTree {
 
 impl InnerNodes {
     /// The two children of a subtree over at least two primitives.
+    #[inline]
     pub fn children(&self, of: Subtree) -> [Subtree; 2] {
         if of.is_reinserted() {
             return self.reinserted[of.index()].children;
@@ -158,11 +167,13 @@ impl InnerNodes {
     }
 
     /// The box around a subtree over at least two primitives.
+    #[inline]
     pub fn bounds(&self, of: Subtree) -> PackedBounds {
         if of.is_reinserted() { self.reinserted[of.index()].bounds } else { self.built[of.index()].bounds() }
     }
 
     /// What the plan does with a subtree.
+    #[inline]
     fn choice(&self, of: Subtree) -> Choice {
         match of.count {
             1 => Choice::default(),
@@ -172,11 +183,13 @@ impl InnerNodes {
     }
 
     /// Whether no nodes were made below a subtree's root.
+    #[inline]
     pub fn is_leaf(&self, of: Subtree) -> bool {
         of.count == 1 || self.choice(of) == Choice::ONE_BLOCK
     }
 
     /// Whether the subtree is a leaf block if it is one child of a wide node.
+    #[inline]
     pub fn is_block(&self, of: Subtree) -> bool {
         of.count == 1 || self.choice(of).is_block()
     }

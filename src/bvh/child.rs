@@ -29,18 +29,21 @@ impl Child {
     const LEAF: u32 = 1 << 31;
 
     /// An inner node.
+    #[inline]
     pub(super) fn node(index: usize) -> Self {
         assert!(index < Self::LIMIT);
         Self(index as u32)
     }
 
     /// A leaf block of `triangles` ≥ 1 triangles.
+    #[inline]
     pub(super) fn block(position: usize, triangles: usize) -> Self {
         assert!(position < Self::LIMIT && (1..=BLOCK_TRIANGLES).contains(&triangles));
         Self(Self::LEAF | (triangles as u32 - 1) << 28 | position as u32)
     }
 
     /// The same leaf block, `by` positions further on.
+    #[inline]
     pub(super) fn offset(self, by: usize) -> Self {
         Self::block(self.index() + by, self.triangles())
     }

@@ -1,6 +1,7 @@
 //! The order in which rays visit the children of a wide node.
 
 use super::child::WIDTH;
+use crate::lanes::from_index;
 use bytemuck::{Pod, Zeroable};
 
 /// A permutation of a node's eight slots, stored in both directions. Each word holds eight numbers of three
@@ -21,12 +22,12 @@ impl ChildOrder {
     /// Orders the slots by ascending keys, as [`f32::total_cmp`] compares them. Of equal keys the lower slot
     /// comes first.
     pub(super) fn ascending(keys: &[f32; WIDTH]) -> Self {
-        let keys = keys.map(|key| {
-            let bits = key.to_bits().cast_signed();
+        let keys: [i32; WIDTH] = from_index(|slot| {
+            let bits = keys[slot].to_bits().cast_signed();
             bits ^ (bits >> 31 & i32::MAX)
         });
         // Counts smaller keys, without a branch: it would be mispredicted.
-        let mut ranks_of_slots = [0; WIDTH];
+        let mut ranks_of_slots = [0_u32; WIDTH];
         for other in 0..WIDTH {
             for slot in 0..WIDTH {
                 let precedes =
@@ -35,9 +36,9 @@ impl ChildOrder {
             }
         }
         let (mut ranks, mut slots) = (0, 0);
-        for (slot, rank) in (0..).zip(ranks_of_slots) {
+        for (slot, rank) in ranks_of_slots.iter().enumerate() {
             ranks |= rank << (3 * slot);
-            slots |= slot << (3 * rank);
+            slots |= (slot as u32) << (3 * rank);
         }
         Self { ranks, slots }
     }

@@ -10,6 +10,7 @@
 
 use super::child::{BLOCK_TRIANGLES, Child, WIDTH};
 use crate::geom::Aabb;
+use crate::lanes::from_index;
 
 /// Cost of testing a ray against the boxes of a wide node.
 pub(super) const NODE_COST: f32 = 1.0;
@@ -74,6 +75,7 @@ impl Costs {
 
     /// Cost of a child of a wide node, without that of nodes below it: the area of its box times the cost of
     /// a ray that enters.
+    #[inline]
     pub fn child(self, bounds: &Aabb, child: Child) -> f32 {
         let area = bounds.half_area();
         if child.is_block() { self.block(area, child.triangles()) } else { area * NODE_COST }
@@ -81,6 +83,7 @@ impl Costs {
 
     /// The surface area heuristic rounds numbers of primitives in a box of the given area up to multiples of
     /// this. Where rays come singly, a partly filled leaf block costs as much as a full one.
+    #[inline]
     pub fn count_multiple(self, area: f32) -> u32 {
         if area > self.large_area { 1 } else { BLOCK_TRIANGLES as u32 }
     }
@@ -143,8 +146,8 @@ impl CollapsePlan {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn merge(costs: Costs, left: &Self, right: &Self, area: f32, count: usize) -> (Self, Choice) {
         // forest[c - 1]: the least cost with exactly c children. The inner loop runs over c in lanes.
-        let mut shifted = [f32::INFINITY; 2 * WIDTH];
-        shifted[WIDTH..].copy_from_slice(&right.0);
+        let shifted: [f32; 2 * WIDTH] =
+            from_index(|i| if i < WIDTH { f32::INFINITY } else { right.0[i - WIDTH] });
         let (mut forest, mut on_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
         for i in 1..WIDTH {
             let left_cost = left.0[i - 1];

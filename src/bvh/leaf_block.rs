@@ -73,6 +73,7 @@ impl LeafBlocks {
 
     /// All words, the [`PADDING`] included.
     #[cfg(test)]
+    #[inline]
     pub(super) fn words(&self) -> &[u32] {
         &self.words
     }
@@ -205,10 +206,12 @@ impl LeafBlockMut<'_> {
 pub(super) struct CornerIndices(u32);
 
 impl CornerIndices {
+    #[inline]
     pub fn new([a, b, c]: [usize; 3], corner_count: usize) -> Self {
         Self(NORMAL_BIT | (corner_count << 24 | c << 16 | b << 8 | a) as u32)
     }
 
+    #[inline]
     pub fn bits(self) -> u32 {
         self.0
     }
@@ -239,6 +242,7 @@ pub struct LeafBlock<'a> {
 }
 
 impl<'a> LeafBlock<'a> {
+    #[inline]
     pub(super) fn new(words: &'a [u32], triangle_count: usize) -> Self {
         let corner_count = CornerIndices(words[0]).corner_count();
         Self {
@@ -266,6 +270,7 @@ impl<'a> LeafBlock<'a> {
     ///
     /// # Panics
     /// If there is no such row.
+    #[inline]
     pub fn corners(&self, row: usize) -> [Vec3; 3] {
         assert!(row < self.triangle_count);
         let indices = CornerIndices(self.words[row]);
@@ -279,11 +284,13 @@ impl<'a> LeafBlock<'a> {
     }
 
     /// The primitive id of the triangle in a row.
+    #[inline]
     pub fn primitive(&self, row: usize) -> u32 {
         self.id(row) & PRIMITIVE
     }
 
     /// Whether the filter decides hits of the triangle in a row.
+    #[inline]
     pub fn is_masked(&self, row: usize) -> bool {
         self.id(row) & MASKED != 0
     }

@@ -6,7 +6,7 @@ use super::huge_pages::HugePages;
 use super::leaf_block::{
     BLOCK_ALIGN, CornerIndices, LeafBlocks, MASKED, MAX_SHARED_CORNERS, NORMAL_BIT, PADDING,
 };
-use crate::lanes::{LaneTask, Lanes, SimdLevel, each, load_one};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, each, from_index, load_one};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -29,15 +29,16 @@ impl BlockTriangles {
     #[inline]
     pub fn push(&mut self, primitive: u32, is_masked: bool, corners: [Vec3; 3]) {
         self.ids[self.count] = primitive | NORMAL_BIT | if is_masked { MASKED } else { 0 };
-        for (columns, corner) in self.columns.iter_mut().zip(corners) {
-            for (column, coordinate) in columns.iter_mut().zip(corner.to_array()) {
-                column[self.count] = coordinate;
+        for (vertex, corner) in corners.iter().enumerate() {
+            for axis in 0..3 {
+                self.columns[vertex][axis][self.count] = corner[axis];
             }
         }
         self.count += 1;
     }
 
     /// The mask of all corners. A corner's bit is `8 * vertex + row`.
+    #[inline]
     fn corner_mask(&self) -> u32 {
         ((1 << self.count) - 1) * 0x1_0101
     }
@@ -90,9 +91,8 @@ impl<'a> LeafPacker<'a> {
         if corner_count > MAX_SHARED_CORNERS {
             corner_count = 3 * count;
             distinct = triangles.corner_mask();
-            indices = std::array::from_fn(|corner| {
-                (corner / BLOCK_TRIANGLES * count + corner % BLOCK_TRIANGLES) as u8
-            });
+            indices =
+                from_index(|corner| (corner / BLOCK_TRIANGLES * count + corner % BLOCK_TRIANGLES) as u8);
         }
         let start = self.packing.len;
         let block = self.allocate((2 * count + 3 * corner_count).next_multiple_of(BLOCK_ALIGN));
@@ -100,19 +100,20 @@ impl<'a> LeafPacker<'a> {
         let (x, rest) = rest.split_at_mut(corner_count);
         let (y, rest) = rest.split_at_mut(corner_count);
         let (z, ids) = rest.split_at_mut(corner_count);
-        for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
+        for i in 0..corner_count {
             let corner = distinct.trailing_zeros() as usize;
             distinct &= distinct - 1;
             let columns = &triangles.columns[corner / BLOCK_TRIANGLES % 3];
-            [*x, *y, *z] = each([0, 1, 2], |axis: usize| columns[axis][corner % BLOCK_TRIANGLES].to_bits());
+            [x[i], y[i], z[i]] =
+                each([0, 1, 2], |axis: usize| columns[axis][corner % BLOCK_TRIANGLES].to_bits());
         }
         for (row, word) in words.iter_mut().enumerate() {
             let index = |vertex: usize| usize::from(indices[vertex * BLOCK_TRIANGLES + row]);
             *word = CornerIndices::new([index(0), index(1), index(2)], corner_count).bits();
         }
-        let (ids, zeros) = ids.split_at_mut(count);
-        ids.copy_from_slice(&triangles.ids[..count]);
-        zeros.fill(0);
+        for (row, id) in ids.iter_mut().enumerate() {
+            *id = if row < count { triangles.ids[row] } else { 0 };
+        }
         Child::block(start / BLOCK_ALIGN, count)
     }
 
@@ -219,9 +220,9 @@ impl LaneTask for FindSharedCorners<'_> {
         const { assert!(L::LANES == BLOCK_TRIANGLES) };
         let columns = &self.0.columns;
         let mut all = [[l.splat_u32(0); 3]; 3];
-        for (all, columns) in all.iter_mut().zip(columns) {
-            for (all, column) in all.iter_mut().zip(columns) {
-                *all = l.bits(load_one(l, column));
+        for vertex in 0..3 {
+            for axis in 0..3 {
+                all[vertex][axis] = l.bits(load_one(l, &columns[vertex][axis]));
             }
         }
         let corners = self.0.corner_mask();

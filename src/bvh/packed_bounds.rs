@@ -14,6 +14,7 @@ impl PackedBounds {
     pub const EMPTY: Self = Self([f32::INFINITY; 8]);
 
     /// A box with any value in lane 3.
+    #[inline]
     pub fn new(bounds: &Aabb, lane_3: f32) -> Self {
         let ([a, b, c], [x, y, z]) = (bounds.min.to_array(), bounds.max.to_array());
         Self([a, b, c, lane_3, -x, -y, -z, 0.0])
@@ -32,8 +33,8 @@ impl PackedBounds {
     #[inline]
     pub fn union(&self, other: &Self) -> Self {
         let mut union = *self;
-        for (mine, theirs) in union.0.iter_mut().zip(other.0) {
-            *mine = if *mine < theirs { *mine } else { theirs };
+        for i in 0..8 {
+            union.0[i] = if union.0[i] < other.0[i] { union.0[i] } else { other.0[i] };
         }
         union
     }
@@ -47,6 +48,7 @@ impl PackedBounds {
         x * y + y * z + z * x
     }
 
+    #[inline]
     pub fn to_aabb(self) -> Aabb {
         let [a, b, c, _, x, y, z, _] = self.0;
         // Subtracted from zero, so that a corner at 0 does not become -0.

@@ -22,21 +22,25 @@ pub(super) struct Reference(pub PackedBounds);
 const NORMAL_BIT: u32 = 1 << 30;
 
 impl Reference {
+    #[inline]
     pub fn new(primitive: u32, bounds: &Aabb) -> Self {
         Self(PackedBounds::new(bounds, f32::from_bits(primitive | NORMAL_BIT)))
     }
 
     /// The box without the id.
+    #[inline]
     pub fn bounds(&self) -> PackedBounds {
         let [a, b, c, _, x, y, z, _] = self.0.0;
         PackedBounds([a, b, c, 0.0, x, y, z, 0.0])
     }
 
+    #[inline]
     pub fn primitive(&self) -> u32 {
         self.0.0[3].to_bits() & !NORMAL_BIT
     }
 
     /// The [`key`]'s coordinate along an axis.
+    #[inline]
     pub fn key_on(&self, axis: usize) -> f32 {
         self.0.0[axis] - self.0.0[axis + 4]
     }

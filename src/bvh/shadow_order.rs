@@ -24,15 +24,19 @@ impl SubtreeStats {
     pub fn of_block(triangles: &BlockTriangles) -> Self {
         // Vacant rows have no area.
         let [a, b, c] = &triangles.columns;
-        let mut squares = [0.0; BLOCK_TRIANGLES];
+        let mut sizes = [0.0; BLOCK_TRIANGLES];
         for row in 0..BLOCK_TRIANGLES {
             let (ex, fx) = (b[0][row] - a[0][row], c[0][row] - a[0][row]);
             let (ey, fy) = (b[1][row] - a[1][row], c[1][row] - a[1][row]);
             let (ez, fz) = (b[2][row] - a[2][row], c[2][row] - a[2][row]);
             let (x, y, z) = (ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx);
-            squares[row] = x * x + y * y + z * z;
+            sizes[row] = (x * x + y * y + z * z).sqrt();
         }
-        let area = 0.5 * squares.map(f32::sqrt).iter().sum::<f32>();
+        let mut area = 0.0;
+        for size in sizes {
+            area += size;
+        }
+        let area = 0.5 * area;
         Self { area, cost: BLOCK_COST[0] + BLOCK_COST[1] * triangles.len() as f32 }
     }
 
@@ -42,6 +46,7 @@ impl SubtreeStats {
     /// = x / (1 + x)` of such lines hit something. Were the hits in different boxes independent, `p / cost`
     /// would give the best order. But `cost` is that of rays that hit nothing; dividing by its square root
     /// agrees better with measurements.
+    #[inline]
     fn priority(&self, half_area: f32) -> f32 {
         let crossings = self.area / half_area.max(f32::MIN_POSITIVE);
         crossings.min(f32::MAX) / (1.0 + crossings.min(f32::MAX)) / self.cost.sqrt()
@@ -53,10 +58,13 @@ impl SubtreeStats {
         let mut total = Self { area: 0.0, cost: 0.0 };
         let mut bounds = Aabb::EMPTY;
         let mut priorities = [-1.0f32; WIDTH];
-        for slot in (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE) {
+        for (slot, priority) in priorities.iter_mut().enumerate() {
+            if node.children[slot] == Child::NONE {
+                continue;
+            }
             let (child, stats) = (node.bounds(slot), stats(slot, node.children[slot]));
             let half_area = child.half_area();
-            priorities[slot] = stats.priority(half_area);
+            *priority = stats.priority(half_area);
             total.area += stats.area;
             total.cost += half_area * stats.cost;
             bounds = bounds.union(child);

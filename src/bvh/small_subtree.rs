@@ -6,7 +6,7 @@ use super::binary_tree::InnerNode;
 use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::packed_bounds::PackedBounds;
 use super::reference::{Extent, Reference};
-use crate::lanes::{Lanes, OutlinedTask, columns, eight_u32, load_one, store_one};
+use crate::lanes::{Lanes, OutlinedTask, both, columns, eight_u32, load_one, store_one};
 
 /// The largest number of primitives in a small subtree.
 pub(super) const MAX_SMALL: usize = 8;
@@ -59,14 +59,14 @@ impl<L: Lanes> OutlinedTask<L> for SmallSubtree<'_> {
         let mut bounds = [PackedBounds::EMPTY; 2 * MAX_SMALL];
         let mut areas = [0.0; 2 * MAX_SMALL];
         let mut plans = [CollapsePlan::one_block(costs, 0.0, 1); 2 * MAX_SMALL];
-        areas[MAX_SMALL..].copy_from_slice(&leaf_areas);
         for lane in 0..MAX_SMALL {
+            areas[MAX_SMALL + lane] = leaf_areas[lane];
             bounds[MAX_SMALL + lane] = rows[lane].0;
             plans[MAX_SMALL + lane] = CollapsePlan::one_block(costs, areas[MAX_SMALL + lane], 1);
         }
         for root in (0..count - 1).rev() {
             let SmallNode { count, left_count, children } = nodes[root];
-            let [a, b] = children.map(|child| child % (2 * MAX_SMALL));
+            let [a, b] = both(children, |child| child % (2 * MAX_SMALL));
             let union = PackedBounds::store(l, l.min(bounds[a].load(l), bounds[b].load(l)));
             let area = union.half_area();
             let (plan, choice) = match count {
@@ -204,8 +204,8 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
         for (row, primitives) in table.iter().enumerate() {
             let lanes = l.permute_u32(lane_of_primitive, eight_u32(l, primitives));
             let side = if row < 2 { &mut left } else { &mut right };
-            for (number, column) in side.iter_mut().zip(self.columns) {
-                *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(column), lanes)));
+            for (i, number) in side.iter_mut().enumerate() {
+                *number = l.min(*number, l.from_bits(l.permute_u32(l.bits(self.columns[i]), lanes)));
             }
         }
         let cost = l.add(half_area(l, left), half_area(l, right));
@@ -243,8 +243,8 @@ impl<'a, L: Lanes> LaneBoxes<'a, L> {
             let left_floor = l.select(is_left, l.splat(f32::NEG_INFINITY), infinite);
             let right_floor = l.neg(left_floor);
             let row = &self.rows[lane].0.0;
-            for (at, column) in [0, 1, 2, 4, 5, 6].into_iter().enumerate() {
-                let number = l.splat(row[column]);
+            for at in 0..6 {
+                let number = l.splat(row[at + at / 3]);
                 left[at] = l.min(left[at], l.max(number, left_floor));
                 right[at] = l.min(right[at], l.max(number, right_floor));
             }

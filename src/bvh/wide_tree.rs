@@ -38,6 +38,7 @@ impl WideNode {
     };
 
     /// Stores a child and its box in a slot.
+    #[inline]
     pub(super) fn set(&mut self, slot: usize, bounds: Aabb, child: Child) {
         for axis in 0..3 {
             self.faces[0][axis][slot] = bounds.min[axis];
@@ -47,6 +48,7 @@ impl WideNode {
     }
 
     /// Sorts the children by ascending weights, which are given by slot.
+    #[inline]
     pub(super) fn sort(&mut self, weights: &[f32; WIDTH]) {
         let unsorted = *self;
         let order = ChildOrder::ascending(weights);
@@ -68,9 +70,11 @@ impl WideNode {
                     keys[slot] += sign * low[slot] + sign * high[slot];
                 }
             }
-            // The centre of a vacant slot's box is NaN.
-            let vacant_last = |key: f32| if key.is_nan() { f32::INFINITY } else { key };
-            self.front_to_back[octant] = ChildOrder::ascending(&keys.map(vacant_last));
+            for key in &mut keys {
+                // The centre of a vacant slot's box is NaN; vacant slots are the last.
+                *key = if key.is_nan() { f32::INFINITY } else { *key };
+            }
+            self.front_to_back[octant] = ChildOrder::ascending(&keys);
         }
     }
 
@@ -98,9 +102,10 @@ impl WideNode {
     }
 
     /// The box of the child in a slot.
+    #[inline]
     pub fn bounds(&self, slot: usize) -> Aabb {
-        let corner = |side: usize| Vec3::from_array(self.faces[side].map(|axis| axis[slot]));
-        Aabb { min: corner(0), max: corner(1) }
+        let corner = |[x, y, z]: &[[f32; WIDTH]; 3]| Vec3::new(x[slot], y[slot], z[slot]);
+        Aabb { min: corner(&self.faces[0]), max: corner(&self.faces[1]) }
     }
 }
 

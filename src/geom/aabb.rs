@@ -16,26 +16,31 @@ impl Aabb {
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The smallest box around `points`.
+    #[inline]
     pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.min(p), max: b.max.max(p) })
     }
 
     /// The smallest box around both.
+    #[inline]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// Whether `other` lies inside, faces included.
+    #[inline]
     pub fn contains(&self, other: &Self) -> bool {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
     /// Whether the box contains no point.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
 
     /// Centre of the box.
+    #[inline]
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.min + self.max)
     }
@@ -46,6 +51,7 @@ impl Aabb {
     }
 
     /// Half the surface area; 0 for an empty box.
+    #[inline]
     pub fn half_area(&self) -> f32 {
         if self.is_empty() {
             return 0.0;
@@ -55,6 +61,7 @@ impl Aabb {
     }
 
     /// Largest absolute coordinate; 0 for an empty box.
+    #[inline]
     pub fn max_abs(&self) -> f32 {
         if self.is_empty() { 0.0 } else { self.min.abs().max(self.max.abs()).max_element() }
     }

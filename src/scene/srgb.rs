@@ -10,6 +10,7 @@ pub(super) fn table() -> &'static [f32; 256] {
 }
 
 /// The linear value of a coded value from 0 to 1 (IEC 61966-2-1).
+#[inline]
 fn light(v: f64) -> f32 {
     (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
 }
@@ -31,6 +32,7 @@ pub(super) fn decoded(colour: [f32; 4]) -> glam::Vec4 {
 }
 
 /// The byte whose linear value is nearest.
+#[inline]
 pub(super) fn byte(light: f32) -> u8 {
     /// Enough steps that no two bytes share one.
     const STEPS: usize = 4096;

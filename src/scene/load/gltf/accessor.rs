@@ -1,6 +1,7 @@
 //! Reads the numbers of accessors. Every access is checked against the buffers first.
 
 use super::buffers::Buffers;
+use crate::lanes::from_index;
 use ::gltf::accessor::{Accessor, DataType, Dimensions};
 use glam::Vec4;
 
@@ -46,6 +47,7 @@ impl<'a> Elements<'a> {
     }
 
     /// Component `c` of element `i` as a number. Integers are not normalised.
+    #[inline]
     fn number(&self, i: usize, c: usize) -> f64 {
         let at = i * self.stride + c * self.kind.size();
         let b = &self.bytes[at..i * self.stride + self.size];
@@ -87,7 +89,7 @@ pub(super) fn vectors<const N: usize>(
     // The least signed integer would become less than −1.
     let is_signed = accessor.normalized() && matches!(kind, DataType::I8 | DataType::I16);
     let vector = |elements: &Elements, i| {
-        std::array::from_fn(|c| {
+        from_index(|c| {
             let value = elements.number(i, c) / scale;
             (if is_signed { value.max(-1.0) } else { value }) as f32
         })

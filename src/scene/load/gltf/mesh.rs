@@ -8,6 +8,7 @@ use super::instance::InstancesByGeometry;
 use super::material::Converted;
 use super::variant::MaterialsByPrimitive;
 use crate::geom::Placement;
+use crate::lanes::each;
 use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, MeshSize, Shape};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
@@ -202,8 +203,8 @@ impl<'a> Flattened<'a> {
         let first = self.mesh.triangles.len();
         for &[a, b, c] in &triangles {
             let [b, c] = if transform.mirrors { [c, b] } else { [b, c] };
-            let triangle = [a, b, c].map(|corner| base + corner);
-            if !self.dropped.drops(triangle.map(|corner| self.mesh.positions[corner as usize])) {
+            let triangle = [base + a, base + b, base + c];
+            if !self.dropped.drops(each(triangle, |corner| self.mesh.positions[corner as usize])) {
                 self.mesh.triangles.push(triangle);
                 self.mesh.materials.push(material);
             }
