@@ -132,6 +132,7 @@ impl Bvh {
 
     /// The instances of a two-level tree; none in a tree of triangles. In a two-level tree a child of
     /// [`Bvh::wide`] that is a leaf block stands for the instance with its index.
+    #[inline]
     pub fn instances(&self) -> &[TreeInstance] {
         self.instances.as_ref().map_or(&[], |instances| &instances.all)
     }

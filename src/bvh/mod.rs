@@ -128,11 +128,13 @@ impl Bvh {
     }
 
     /// The box around all triangles.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
     /// The eight-wide tree.
+    #[inline]
     pub fn wide(&self) -> &WideTree {
         &self.wide
     }
@@ -165,6 +167,7 @@ impl Bvh {
     }
 
     /// Largest absolute coordinate of all triangles, as [`crate::geom::CanonicalRay::new`] needs it.
+    #[inline]
     pub fn scene_max_abs(&self) -> f32 {
         self.bounds.max_abs()
     }

@@ -120,11 +120,13 @@ pub struct WideTree {
 
 impl WideTree {
     /// The inner nodes, the root first.
+    #[inline]
     pub fn nodes(&self) -> &[WideNode] {
         &self.nodes
     }
 
     /// The leaf blocks.
+    #[inline]
     pub fn blocks(&self) -> &LeafBlocks {
         &self.blocks
     }
@@ -160,6 +162,7 @@ impl WideTree {
     }
 
     /// Number of inner nodes on the longest path from the root.
+    #[inline]
     pub fn depth(&self) -> usize {
         self.depth
     }

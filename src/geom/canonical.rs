@@ -80,11 +80,20 @@ impl CanonicalRay {
     /// let it hit nothing.
     #[inline(always)]
     pub fn can_start(origin: [f32; 3], direction: [f32; 3]) -> bool {
-        let [o, d] = [origin, direction].map(Vec3::from_array);
+        let (o, d) = (Vec3::from_array(origin), Vec3::from_array(direction));
         o.is_finite()
             && d.is_finite()
             && o.abs().max_element() <= MAX_COORDINATE
             && DIRECTION_RANGE.contains(&d.abs().max_element())
+    }
+
+    /// The octant of the direction: bit 0 is set where x is negative, bit 1 for y, bit 2 for z.
+    #[inline(always)]
+    pub fn octant(&self) -> usize {
+        let [x, y, z] = self.inverse.to_array();
+        usize::from(x.is_sign_negative())
+            | usize::from(y.is_sign_negative()) << 1
+            | usize::from(z.is_sign_negative()) << 2
     }
 
     /// Prepares a ray for a scene whose largest absolute coordinate is `scene_max_abs`.

@@ -100,11 +100,19 @@ impl Placement {
     /// The approximate octant, in the geometry's own space, of directions in a world octant. An octant has a
     /// bit for each axis, x in bit 0, set for negative components. Octants order children, so an
     /// approximation suffices.
+    #[inline]
     pub fn octant(&self, world: usize) -> usize {
-        let sign = |axis: usize| if world >> axis & 1 == 1 { -1.0 } else { 1.0 };
-        // The transpose rotates as the inverse does.
-        let local = |i: usize| (0..3).map(|axis| self.rows[axis][i] * sign(axis)).sum::<f32>();
-        (0..3).fold(0, |octant, i| octant | usize::from(local(i) < 0.0) << i)
+        let mut octant = 0;
+        for i in 0..3 {
+            // The transpose rotates as the inverse does.
+            let mut local = 0.0;
+            for axis in 0..3 {
+                let element = self.rows[axis][i];
+                local += if world >> axis & 1 == 1 { -element } else { element };
+            }
+            octant |= usize::from(local < 0.0) << i;
+        }
+        octant
     }
 }
 

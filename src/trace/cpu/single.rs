@@ -231,7 +231,7 @@ unsafe fn trace_one<E: Lanes, A: Accept, const ANY: bool>(
     let query = Query {
         bvh,
         slabs: Slabs::of_ray(e, &ray),
-        octant: (0..3).map(|axis| usize::from(ray.inverse[axis].is_sign_negative()) << axis).sum(),
+        octant: ray.octant(),
         lines: Lines {
             origin: splat(e, ray.origin.to_array()),
             direction: splat(e, ray.direction.to_array()),
