@@ -68,6 +68,7 @@ pub(super) struct InstanceSpace<'a> {
 
 impl<'a> InstanceSpace<'a> {
     /// The space of an instance whose primitives are `first_primitive` and the following, for rays of a world octant.
+    #[inline]
     pub fn new(placement: &'a Placement, first_primitive: u32, octant: usize) -> Self {
         Self { placement, first_primitive, order_octant: placement.octant(octant) }
     }
