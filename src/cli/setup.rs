@@ -10,7 +10,7 @@ use super::stats::ShadingStats;
 use crate::engine::Shading;
 use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::scene::Scene;
-use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
+use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -76,12 +76,9 @@ impl Setup {
             (None, Some(reason)) => log::warn!("tracing on the CPU ({simd}) alone: {reason}"),
             (None, None) => log::info!("tracing on the CPU ({simd}); no hardware GPU is in use"),
         }
-        let dispatch_threads = prepared.tracers.device.as_ref().map_or(0, |device| {
-            device.sizing().map_or(ServiceOptions::default().dispatch_threads, |sizing| sizing.in_flight)
-        });
         let service = Service::new(ServiceOptions {
             host_threads: host_threads(args),
-            dispatch_threads,
+            dispatch_threads: dispatch_threads(&prepared.tracers),
             max_jobs,
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
@@ -98,16 +95,12 @@ impl Setup {
         Self { prepared, units, service, simd, policy, options, shader: None, load_s: 0.0, build_s: 0.0 }
     }
 
-    /// What a GPU has computed of patterns, and why some are back on the CPU.
+    /// What a GPU has computed of patterns, and why some were not given to it.
     pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
         let events = self.prepared.unshaded.clone();
         #[cfg(feature = "gpu")]
         {
-            let mut events = events;
-            let reports = self.prepared.shading_reports();
-            let refusals = reports.iter().filter_map(|report| report.refused.as_ref());
-            events.extend(refusals.map(|reason| format!("a pattern is shaded on the CPU: {reason}")));
-            (ShadingStats::of(&reports), events)
+            (ShadingStats::of(&self.prepared.shading_reports()), events)
         }
         #[cfg(not(feature = "gpu"))]
         {
@@ -120,6 +113,15 @@ impl Setup {
         let fault = self.units.idle_fault()?;
         Some(format!("--inject {fault}: the fault did not happen, because the GPU had fewer dispatches"))
     }
+}
+
+/// Dispatch threads that keep the GPU busy: as many as its measured sizes say, or RA's.
+fn dispatch_threads(tracers: &Tracers) -> usize {
+    let usual = ServiceOptions::default().dispatch_threads;
+    let stages = if tracers.shading == Unit::Cpu { 0 } else { usual };
+    let traces =
+        tracers.device.as_ref().map(|device| device.sizing().map_or(usual, |sizing| sizing.in_flight));
+    traces.unwrap_or(0).max(stages)
 }
 
 /// The unit that computes patterns.

@@ -3,7 +3,9 @@
 
 use crate::meters::Spread;
 use crate::render::NoiseReport;
-use crate::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
+use crate::schedule::{
+    self, Depths, DeviceWaits, JobReport, Latency, Pace, ShadingRates, ThreadKind, ThreadReport,
+};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -302,6 +304,9 @@ pub struct Units {
     pub shading: Option<ShadingStats>,
     #[serde(skip)]
     device_waits: DeviceWaits,
+    /// How fast units shaded.
+    #[serde(skip)]
+    pub shading_rates: ShadingRates,
 }
 
 /// Patterns in WGSL that the GPU computes.
@@ -317,6 +322,29 @@ pub struct ShadingStats {
     pub undecided: u64,
     /// Hits that the CPU computed again to detect a faulty device.
     pub checked: u64,
+    /// Nanoseconds of a host thread for a ray that it shaded alone; null without any. Shadow rays count in all rates.
+    pub alone_ns: Option<f64>,
+    /// Nanoseconds of a dispatch thread for a ray whose finish the GPU computed.
+    pub staging_ns: Option<f64>,
+    /// Part of `staging_ns` in which the dispatch thread computed instead of waiting.
+    pub preparing_ns: Option<f64>,
+    /// Nanoseconds of a host thread for a ray whose finish the GPU had computed.
+    pub staged_ns: Option<f64>,
+}
+
+impl ShadingStats {
+    /// The same with rates.
+    pub fn with_rates(self, rates: ShadingRates) -> Self {
+        let ns = |pace: Pace| (pace.rays > 0).then(|| pace.ns as f64 / pace.rays as f64);
+        let ShadingRates { alone, staging, preparing, staged } = rates;
+        Self {
+            alone_ns: ns(alone),
+            staging_ns: ns(staging),
+            preparing_ns: ns(preparing),
+            staged_ns: ns(staged),
+            ..self
+        }
+    }
 }
 
 #[cfg(feature = "gpu")]
@@ -457,6 +485,7 @@ impl Units {
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;
         self.device_waits += report.device_waits;
+        self.shading_rates += report.shading;
         self.gpu.full_to_dispatched_s = LatencyStats::of(&self.device_waits.full_to_dispatched);
         self.gpu.dispatched_to_readable_s = LatencyStats::of(&self.device_waits.dispatched_to_readable);
         self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);

@@ -101,10 +101,10 @@ impl PreparedScene {
             Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
         };
+        let unshaded = unshaded(units, &scene);
         let tracers = tracers(host, device.as_ref(), units, &scene);
         let adapter = device.as_ref().and_then(|_| units.adapter());
         let (units, lit, scene_hash) = (units.clone(), OnceLock::new(), OnceLock::new());
-        let unshaded = unshaded(&units, &scene);
         Self {
             scene,
             bvh,
@@ -366,7 +366,7 @@ fn host_tracers(
 
 /// The tracers of a scene's jobs.
 fn tracers(host: Arc<dyn Tracer>, device: Option<&Device>, units: &Units, scene: &Arc<Scene>) -> Tracers {
-    let tracers = Tracers::cpu(host).for_scene(SceneId::of(scene));
+    let tracers = Tracers::cpu(host).with_shading(units.shading_unit()).for_scene(SceneId::of(scene));
     match device {
         Some(device) => tracers.with_device(device.tracer(), units.unit()),
         None => tracers,

@@ -6,7 +6,8 @@ use crate::program::gpu::{ShadingReport, attach, shading_report};
 use crate::scene::Scene;
 use crate::trace::gpu::AdapterKind;
 
-/// Operations of a hit from which a device pays: fewer are computed while their operands are copied.
+/// Operations of a hit from which a kernel is compiled for a device that may compute it: fewer are computed by the host
+/// while their operands are copied.
 const WORTH: usize = 1000;
 
 /// Which unit computes patterns in WGSL. The picture is the same.
@@ -18,7 +19,8 @@ pub enum Shading {
     Cpu,
     /// The GPU, even if it is a software adapter.
     Gpu,
-    /// The GPU if it is hardware, for patterns of many operations.
+    /// The GPU if it is hardware, for patterns of many operations, as far as rates measured in each job say that it
+    /// pays.
     Auto,
 }
 

@@ -251,6 +251,18 @@ impl Units {
         self.unit
     }
 
+    /// Which units compute patterns if there is a GPU.
+    pub(super) fn shading_unit(&self) -> Unit {
+        #[cfg(all(feature = "gpu", feature = "wgsl"))]
+        return match self.shading {
+            Shading::Cpu => Unit::Cpu,
+            Shading::Gpu => Unit::Gpu,
+            Shading::Auto => Unit::Hybrid,
+        };
+        #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
+        Unit::Cpu
+    }
+
     /// Name of the GPU adapter in use.
     pub fn adapter(&self) -> Option<String> {
         match &self.gpu {

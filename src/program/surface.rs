@@ -2,8 +2,6 @@
 
 #[cfg(feature = "gpu")]
 use super::device::{PatternDevice, ShadingReport};
-#[cfg(feature = "gpu")]
-use super::kernel::endless_loop;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
@@ -17,6 +15,8 @@ use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
     Procedural,
 };
+#[cfg(feature = "gpu")]
+use crate::scene::{DeviceCost, DeviceSurface};
 use naga::Span;
 use std::any::Any;
 use std::fmt;
@@ -71,7 +71,7 @@ pub struct PatternShader {
     inputs: PointInputs,
     effects: Effects,
     block: Option<usize>,
-    /// What computes blocks instead of the host.
+    /// What computes the pattern before hits are shaded.
     #[cfg(feature = "gpu")]
     device: OnceLock<Box<dyn PatternDevice>>,
 }
@@ -147,7 +147,7 @@ impl PatternShader {
         self.kernel.code.instructions.len()
     }
 
-    /// Lets a device compute blocks from now on, unless there is one already.
+    /// Lets a device compute the pattern from now on, unless there is one already.
     #[cfg(feature = "gpu")]
     pub(super) fn attach(&self, device: Box<dyn PatternDevice>) {
         let _ = self.device.set(device);
@@ -157,14 +157,6 @@ impl PatternShader {
     #[cfg(feature = "gpu")]
     pub(super) fn shading_report(&self) -> Option<ShadingReport> {
         Some(self.device.get()?.report())
-    }
-
-    /// Whether a device computes blocks.
-    fn has_device(&self) -> bool {
-        #[cfg(feature = "gpu")]
-        return self.device.get().is_some();
-        #[cfg(not(feature = "gpu"))]
-        false
     }
 
     /// The same pattern, computed for blocks of this many hits, a multiple of 16; `None` for as many as there are
@@ -202,7 +194,7 @@ impl BlockSurface for PatternShader {
     }
 
     fn block(&self) -> usize {
-        if self.has_device() { DEVICE_BLOCK } else { self.block.unwrap_or(CHUNK) }
+        self.block.unwrap_or(CHUNK)
     }
 
     fn as_any(&self) -> &dyn Any {
@@ -210,18 +202,50 @@ impl BlockSurface for PatternShader {
     }
 
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns) {
-        #[cfg(feature = "gpu")]
-        if let Some(device) = self.device.get() {
-            match device.compute(self, points, from, to) {
-                Ok(true) => return,
-                Ok(false) => {}
-                Err(line) => endless_loop(&self.file, line),
-            }
-        }
         let block = self.block.unwrap_or(CHUNK);
         for start in (0..points).step_by(block) {
             self.compute_piece(lanes, start..points.min(start + block), from, to);
         }
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(&self) -> Option<&dyn DeviceSurface> {
+        self.device.get().map(|_| self as &dyn DeviceSurface)
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl PatternShader {
+    fn device(&self) -> &dyn PatternDevice {
+        &**self.device.get().expect("only patterns that have a device are computed there")
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl DeviceSurface for PatternShader {
+    fn varying(&self) -> &[u32] {
+        self.device().varying()
+    }
+
+    fn is_sound(&self) -> bool {
+        self.device().is_sound()
+    }
+
+    fn compute(
+        &self,
+        points: usize,
+        from: &BlockColumns,
+        to: &mut BlockColumns,
+    ) -> Result<DeviceCost, String> {
+        self.device().compute(self, points, from, to)
+    }
+
+    fn fill_others(&self, points: usize, to: &mut BlockColumns) {
+        self.device().fill_others(points, to);
+    }
+
+    fn count(&self, from_device: bool) {
+        self.device().count(from_device);
     }
 }
 
@@ -263,9 +287,6 @@ impl FinishSource for Outputs<'_> {
 }
 
 const _: () = assert!(MAX_LANES == CHUNK && BLOCK.is_multiple_of(CHUNK));
-
-/// Hits of a block that a device computes: a whole batch.
-const DEVICE_BLOCK: usize = 1024;
 
 /// What a pattern computes beside colours.
 fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {

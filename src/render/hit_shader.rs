@@ -5,8 +5,8 @@ use crate::film::Film;
 use crate::lanes::SimdLevel;
 use crate::scene::Camera;
 use crate::schedule::{Batch, Output, Renderer, SceneId};
-use crate::shade::{LitScene, LoopStack};
-use crate::stream::Ray;
+use crate::shade::{LitScene, LoopStack, stage};
+use crate::stream::{DeviceError, DeviceReport, Ray};
 use bytemuck::Pod;
 use std::fmt;
 use std::sync::Arc;
@@ -120,6 +120,22 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     /// they compute the interactions anyway, and may let camera rays pass surfaces.
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
+
+    /// Whether the shader takes finishes that a device has computed from [`Batch::staged`]. Only shaders of this crate
+    /// can; they have the device compute them by [`HitShader::stage`].
+    #[doc(hidden)]
+    const STAGES: bool = false;
+
+    /// [`Renderer::stage`], for shaders with [`HitShader::STAGES`].
+    #[doc(hidden)]
+    fn stage(
+        &self,
+        _frame: &Frame,
+        _batch: &Batch<'_, Self::Payload>,
+        _words: &mut [u32],
+    ) -> Result<DeviceReport, DeviceError> {
+        Ok(DeviceReport::default())
+    }
 }
 
 /// What the paths of a frame share while it is rendered.
@@ -253,6 +269,14 @@ impl<S: HitShader> Renderer for HitShading<S> {
             Some(given) if given.is_empty() => {}
             Some(given) => shader.shade(frame, memory, given.batch(), out),
         }
+    }
+
+    fn staged_words(&self) -> usize {
+        if S::STAGES { stage::staged_words(self.frame.scene()) } else { 0 }
+    }
+
+    fn stage(&self, batch: Batch<'_, S::Payload>, words: &mut [u32]) -> Result<DeviceReport, DeviceError> {
+        self.shader.stage(&self.frame, &batch, words)
     }
 
     #[inline]

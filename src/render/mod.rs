@@ -37,6 +37,7 @@ pub mod recursion;
 mod recursive_whitted;
 mod sequence;
 mod single_ray;
+mod staging;
 mod summed;
 #[cfg(test)]
 mod tests;

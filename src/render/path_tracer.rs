@@ -10,11 +10,11 @@ use crate::scene::{Camera, StagedFinish};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::stage::{HitSource, Stage};
+use crate::shade::stage::{HitSource, Stage, StagedRows};
 use crate::shade::{
     Bsdf, Cone, Hits, Interaction, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
 };
-use crate::stream::Ray;
+use crate::stream::{DeviceError, DeviceReport, Ray};
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
@@ -208,6 +208,7 @@ impl LaneTask for Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
+        let rows = StagedRows::new(self.batch.staged, self.batch.rays.len());
         for run in sort(l, self.batch.hits, scene).runs() {
             let mut by_channel = None;
             if let Some(material) = run.material {
@@ -217,7 +218,7 @@ impl LaneTask for Shading<'_, '_> {
             }
             for part in 0..if by_channel.is_none() { 1 } else { ByChannel::PARTS } {
                 let mut stage =
-                    run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize]));
+                    run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize], rows));
                 let (of_part, dispersed) = match &by_channel {
                     None => (run.rays, None),
                     Some(sorted) => sorted.part(part),
@@ -230,7 +231,7 @@ impl LaneTask for Shading<'_, '_> {
                         Some(material) => {
                             let next = (i + 1) * L::LANES;
                             prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
-                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &self);
+                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &self.batch);
                             self.hit(material, dispersed, staged, ids, lanes);
                         }
                     }
@@ -481,12 +482,12 @@ impl Shading<'_, '_> {
     }
 }
 
-impl HitSource for Shading<'_, '_> {
+impl HitSource for Batch<'_, PathState> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
-        let hits = hits_of(&self.batch, ids);
-        let cone = States::of(self.batch.payloads, ids).cone.at(hits.t);
-        (rays_of(&self.batch, ids).1, hits, cone.width)
+        let hits = hits_of(self, ids);
+        let cone = States::of(self.payloads, ids).cone.at(hits.t);
+        (rays_of(self, ids).1, hits, cone.width)
     }
 }
 
@@ -514,6 +515,17 @@ impl HitShader for PathShader {
     fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {
         let first = PathState::start(frame.cone());
         move |pixel, sample| PathState { pixel, sample, ..first }
+    }
+
+    const STAGES: bool = true;
+
+    fn stage(
+        &self,
+        frame: &Frame,
+        batch: &Batch<'_, PathState>,
+        words: &mut [u32],
+    ) -> Result<DeviceReport, DeviceError> {
+        frame.stage(batch.hits, batch, words)
     }
 
     fn shade(

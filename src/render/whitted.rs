@@ -8,9 +8,9 @@ use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
 use crate::scene::{Camera, StagedFinish};
 use crate::schedule::{Batch, Output};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::stage::{HitSource, Stage};
+use crate::shade::stage::{HitSource, Stage, StagedRows};
 use crate::shade::{ArenaUse, Cone, Hits, LitScene, sort};
-use crate::stream::Ray;
+use crate::stream::{DeviceError, DeviceReport, Ray};
 use bytemuck::{Pod, Zeroable};
 
 /// Bits of [`WhittedState::depth_and_cone`] that count rays.
@@ -129,16 +129,17 @@ impl LaneTask for Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
+        let rows = StagedRows::new(self.batch.staged, self.batch.rays.len());
         for run in sort(l, self.batch.hits, scene).runs() {
             let mut stage =
-                run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize]));
+                run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize], rows));
             for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => {
-                        let staged = Stage::reach(&mut stage, l, run.rays, i * L::LANES, &self);
+                        let staged = Stage::reach(&mut stage, l, run.rays, i * L::LANES, &self.batch);
                         self.hit(material, staged, ids, lanes)
                     }
                 };
@@ -257,12 +258,12 @@ impl Pending {
     }
 }
 
-impl HitSource for Shading<'_, '_> {
+impl HitSource for Batch<'_, WhittedState> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
-        let hits = hits_of(&self.batch, ids);
-        let cone = States::of(self.batch.payloads, ids).cone.at(hits.t);
-        (rays_of(&self.batch, ids).1, hits, cone.width)
+        let hits = hits_of(self, ids);
+        let cone = States::of(self.payloads, ids).cone.at(hits.t);
+        (rays_of(self, ids).1, hits, cone.width)
     }
 }
 
@@ -289,6 +290,17 @@ impl HitShader for WhittedShader {
         let depth_and_cone = frame.cone().pack().get() << DEPTH_BITS;
         let (throughput, branch, head) = ([1.0; 3], 1, EMPTY);
         move |pixel, sample| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head }
+    }
+
+    const STAGES: bool = true;
+
+    fn stage(
+        &self,
+        frame: &Frame,
+        batch: &Batch<'_, WhittedState>,
+        words: &mut [u32],
+    ) -> Result<DeviceReport, DeviceError> {
+        frame.stage(batch.hits, batch, words)
     }
 
     fn shade(

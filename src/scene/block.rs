@@ -18,6 +18,57 @@ pub trait BlockSurface: Debug + Send + Sync {
 
     /// Computes the finishes of the first `points` points, with this many lanes.
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns);
+
+    /// The surface as a device computes it, if one does.
+    fn on_device(&self) -> Option<&dyn DeviceSurface> {
+        None
+    }
+}
+
+/// A surface whose finishes a device computes before its hits are shaded, with the bits of [`BlockSurface::compute`].
+pub trait DeviceSurface: Debug + Send + Sync {
+    /// The scalars of finishes that differ from point to point. Those that the device has computed are kept with the
+    /// hits.
+    fn varying(&self) -> &[u32];
+
+    /// Whether the device has not failed yet.
+    fn is_sound(&self) -> bool;
+
+    /// Has the device compute the varying scalars of the first `points` points.
+    ///
+    /// # Errors
+    /// Why the device failed.
+    fn compute(
+        &self,
+        points: usize,
+        from: &BlockColumns,
+        to: &mut BlockColumns,
+    ) -> Result<DeviceCost, String>;
+
+    /// Writes the scalars that do not vary.
+    fn fill_others(&self, points: usize, to: &mut BlockColumns);
+
+    /// Counts a block of hits that is shaded: with finishes from the device, or not.
+    fn count(&self, from_device: bool);
+}
+
+/// What it cost to have finishes computed by a device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceCost {
+    /// Bytes copied between host and device, both ways.
+    pub bytes: u64,
+    /// Points that the host computed again, to detect a faulty device.
+    pub checked: u64,
+    /// Nanoseconds in which the calling thread waited.
+    pub waiting_ns: u64,
+}
+
+impl std::ops::AddAssign for DeviceCost {
+    fn add_assign(&mut self, other: Self) {
+        self.bytes += other.bytes;
+        self.checked += other.checked;
+        self.waiting_ns += other.waiting_ns;
+    }
 }
 
 /// The scalars of a block of points or finishes, one column each. Truth values are 1 and 0.

@@ -43,7 +43,7 @@ mod texture;
 mod texture_point;
 mod validate;
 
-pub use block::{BlockColumns, BlockSurface, StagedFinish};
+pub use block::{BlockColumns, BlockSurface, DeviceCost, DeviceSurface, StagedFinish};
 pub(crate) use camera::Pinhole;
 pub use camera::{
     Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,

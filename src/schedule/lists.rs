@@ -18,9 +18,13 @@ pub(super) struct Lists<P, S> {
     slot: Option<RayStream<Tracing, P, S>>,
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
-    /// Streams of SHADE that have not been shaded at all.
+    /// Streams of SHADE that have been neither staged nor shaded.
     shade: Vec<RayStream<Traced, P, S>>,
-    /// Streams of SHADE that have been shaded in part. They are taken before those in `shade`, so they are few.
+    /// Rays and shadow rays in `shade`.
+    unstaged_rays: usize,
+    /// Streams of SHADE that have been staged, or have no rays, and have not been shaded at all.
+    staged: Vec<RayStream<Traced, P, S>>,
+    /// Streams of SHADE that have been shaded in part. They are taken before all others, so they are few.
     begun: Vec<RayStream<Traced, P, S>>,
     /// Streams allocated so far, in the lists or with threads.
     made: usize,
@@ -47,6 +51,8 @@ impl<P, S> Lists<P, S> {
             slot: None,
             handed_out: Vec::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
+            unstaged_rays: 0,
+            staged: Vec::with_capacity(limits.streams),
             begun: Vec::with_capacity(limits.streams),
             made,
         }
@@ -65,7 +71,17 @@ impl<P, S> Lists<P, S> {
     }
 
     pub fn shade(&self) -> usize {
-        self.shade.len() + self.begun.len()
+        self.shade.len() + self.staged.len() + self.begun.len()
+    }
+
+    /// Streams of SHADE that a device may stage.
+    pub fn unstaged(&self) -> usize {
+        self.shade.len()
+    }
+
+    /// Rays and shadow rays in these.
+    pub fn unstaged_rays(&self) -> usize {
+        self.unstaged_rays
     }
 
     pub fn made(&self) -> usize {
@@ -123,7 +139,36 @@ impl<P, S> Lists<P, S> {
     /// # Panics
     /// If SHADE is empty.
     pub fn next_to_shade(&mut self) -> RayStream<Traced, P, S> {
-        self.begun.pop().or_else(|| self.shade.pop()).expect("SHADE has a stream")
+        let ready = self.begun.pop().or_else(|| self.staged.pop());
+        ready.or_else(|| self.take_unstaged()).expect("SHADE has a stream")
+    }
+
+    /// The next stream to stage.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn next_to_stage(&mut self) -> RayStream<Traced, P, S> {
+        self.take_unstaged().expect("SHADE has a stream that is not staged")
+    }
+
+    /// Puts a stream back that a device has staged, or failed to stage.
+    pub fn put_back_staged(&mut self, stream: RayStream<Traced, P, S>) {
+        self.put_traced(stream);
+    }
+
+    fn take_unstaged(&mut self) -> Option<RayStream<Traced, P, S>> {
+        let stream = self.shade.pop()?;
+        self.unstaged_rays -= weight(&stream);
+        Some(stream)
+    }
+
+    fn put_traced(&mut self, stream: RayStream<Traced, P, S>) {
+        if stream.is_staged() || stream.rays() == 0 {
+            self.staged.push(stream);
+        } else {
+            self.unstaged_rays += weight(&stream);
+            self.shade.push(stream);
+        }
     }
 
     /// Puts a stream back that has been shaded: into EMPTY if no rays are left, else into SHADE.
@@ -167,7 +212,8 @@ impl<P, S> Lists<P, S> {
         let index = index.expect("a stream stays until its chunks are back");
         self.handed_out[index].put_back(chunk);
         if self.handed_out[index].is_traced() {
-            self.shade.push(self.handed_out.swap_remove(index).close());
+            let stream = self.handed_out.swap_remove(index).close();
+            self.put_traced(stream);
         }
     }
 
@@ -185,7 +231,7 @@ impl<P, S> Lists<P, S> {
 
     /// Puts a stream back that the device has traced.
     pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>) {
-        self.shade.push(stream);
+        self.put_traced(stream);
     }
 
     /// Puts a stream back that the device failed to trace.
@@ -206,11 +252,11 @@ impl<P, S> Lists<P, S> {
 
     /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
-        let Self { mut empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
+        let Self { mut empty, need_more, trace, slot, handed_out, shade, staged, begun, .. } = self;
         empty.extend(need_more.into_iter().map(RayStream::discard));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
-        empty.extend(shade.into_iter().chain(begun).map(RayStream::discard));
+        empty.extend(shade.into_iter().chain(staged).chain(begun).map(RayStream::discard));
         empty
     }
 
@@ -222,12 +268,17 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.need_more.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
-        let traced = self.shade.iter().chain(&self.begun);
+        let traced = self.shade.iter().chain(&self.staged).chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.rays_left(), s.shadow_rays_left())));
         assert_eq!(
             self.trace_rays,
             self.trace.iter().map(|w| weight(&w.stream)).sum::<usize>(),
             "the rays of TRACE are counted"
+        );
+        assert_eq!(
+            self.unstaged_rays,
+            self.shade.iter().map(weight).sum::<usize>(),
+            "and those to be staged"
         );
         (sizes.len(), sizes.iter().sum())
     }

@@ -1,6 +1,6 @@
 //! What a job reports, while it runs and afterwards.
 
-use super::{DeviceWaits, JobOptions, Limits};
+use super::{DeviceWaits, JobOptions, Limits, ShadingRates};
 use std::sync::Arc;
 
 /// How far a job is.
@@ -159,6 +159,8 @@ pub enum TaskKind {
     Trace,
     /// Tracing a stream on the device.
     Dispatch,
+    /// Staging a stream on the device: computing a part of its shading.
+    Stage,
 }
 
 /// One task of a timeline.
@@ -168,7 +170,7 @@ pub struct TaskRecord {
     pub thread: u32,
     /// What the thread did.
     pub kind: TaskKind,
-    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch) or shaded (shade).
+    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch), staged (stage) or shaded (shade).
     pub rays: u32,
     /// When the task began, in nanoseconds since the job began.
     pub start_ns: u64,
@@ -213,6 +215,8 @@ pub struct JobReport {
     pub gpu: UnitReport,
     /// How long streams waited for the device.
     pub device_waits: DeviceWaits,
+    /// How fast units shaded.
+    pub shading: ShadingRates,
     /// Host threads, then dispatch threads; or the calling thread alone, if it has traced the query itself.
     pub threads: Vec<ThreadReport>,
     /// When the job was admitted, in nanoseconds since the service began.
@@ -255,6 +259,7 @@ impl JobReport {
             cpu: Default::default(),
             gpu: Default::default(),
             device_waits: Default::default(),
+            shading: Default::default(),
             threads: Vec::new(),
             begin_ns: 0,
             wall_s: 0.0,

@@ -303,7 +303,7 @@ impl State {
         let job = &mut self.jobs[choice.job];
         let rays = job.submission.job.start(thread, choice.rule, size);
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
-        self.dispatching += usize::from(choice.rule == Rule::Dispatch);
+        self.dispatching += usize::from(matches!(choice.rule, Rule::Dispatch | Rule::Stage));
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
         self.turns[choice.job].served += rays;
         self.refresh_view(choice.job);

@@ -96,6 +96,9 @@ pub enum DeviceError {
     /// The device is lost and will not answer again.
     #[error("the GPU was lost: {0}")]
     Lost(String),
+    /// The device cannot do this work, or has done it wrongly.
+    #[error("{0}")]
+    Failed(String),
 }
 
 /// Traces ray streams on a device. Calls block the calling dispatch thread. Several dispatch threads may call

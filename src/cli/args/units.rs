@@ -23,7 +23,7 @@ pub enum ShadeChoice {
     Cpu,
     /// The GPU.
     Gpu,
-    /// The GPU if it is hardware, for patterns of many operations.
+    /// The GPU if it is hardware, for patterns of many operations, where measured rates say that it pays.
     Auto,
 }
 
@@ -69,8 +69,8 @@ pub struct UnitArgs {
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
     /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom. The
-    /// same with patterns: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-refused or shade-inexact. The result is
-    /// the same; the exit code is 1 with --strict.
+    /// same with patterns: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or shade-inexact. The
+    /// result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]
     pub inject: Option<Fault>,

@@ -70,7 +70,7 @@ impl Totals {
     /// Adds what a GPU has computed of patterns, and why some are back on the CPU.
     pub fn add_shading(&mut self, setup: &Setup) {
         let (shading, unshaded) = setup.shading();
-        self.units.shading = shading;
+        self.units.shading = shading.map(|stats| stats.with_rates(self.units.shading_rates));
         self.events.recover(unshaded);
     }
 

@@ -1,22 +1,34 @@
-//! What a pattern asks of a device: blocks of hits.
+//! What a pattern asks of a device: the finishes of many hits.
 
 use crate::program::PatternShader;
-use crate::scene::{BlockColumns, FieldType, POINT_FIELDS};
+use crate::scene::{BlockColumns, DeviceCost, FieldType, POINT_FIELDS};
 use std::fmt::Debug;
 
-/// Computes blocks of a pattern's hits instead of the host.
+/// Computes a pattern instead of the host: [`crate::scene::DeviceSurface`], which is given the pattern.
 pub(crate) trait PatternDevice: Debug + Send + Sync {
-    /// Computes a block; false if the host has to.
+    /// The scalars of finishes that differ from point to point.
+    fn varying(&self) -> &[u32];
+
+    /// Whether the device has not failed yet.
+    fn is_sound(&self) -> bool;
+
+    /// Computes the varying scalars.
     ///
     /// # Errors
-    /// When a loop does not end, with its line.
+    /// Why the device failed.
     fn compute(
         &self,
         shader: &PatternShader,
         points: usize,
         from: &BlockColumns,
         to: &mut BlockColumns,
-    ) -> Result<bool, u32>;
+    ) -> Result<DeviceCost, String>;
+
+    /// Writes the scalars that do not vary.
+    fn fill_others(&self, points: usize, to: &mut BlockColumns);
+
+    /// Counts a block of hits that is shaded.
+    fn count(&self, from_device: bool);
 
     /// What has been computed so far.
     fn report(&self) -> ShadingReport;
@@ -26,11 +38,11 @@ pub(crate) trait PatternDevice: Debug + Send + Sync {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShadingReport {
-    /// Blocks of hits that the device could have computed.
+    /// Blocks of hits that have been shaded and whose finishes the device could have computed.
     pub eligible: u64,
-    /// Blocks that it computed.
+    /// Those whose finishes it had computed.
     pub shaded: u64,
-    /// Hits in these.
+    /// Hits that it has computed.
     pub points: u64,
     /// Hits among them that the host computed, because the device could not decide.
     pub undecided: u64,

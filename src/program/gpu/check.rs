@@ -24,7 +24,7 @@ pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> R
     let mut results = vec![0; 2 * count];
     for (number, probe) in (0..).zip(&kernel.probes) {
         let entry = (Entry::Probe(number), count);
-        pipelines.run(gpu, entry, &columns, &mut results, None).map_err(GpuPatternError::Lost)?;
+        pipelines.run(gpu, entry, &columns, &mut results, None)?;
         let (words, undecided) = results.split_at(count);
         let mut decided = 0;
         for ((case, &word), _) in
@@ -59,9 +59,7 @@ pub(super) fn points(
     // A loop that does not end at some point is told when a picture needs that point.
     let Ok(expected) = shader.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
     let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
-    pipelines
-        .run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None)
-        .map_err(GpuPatternError::Lost)?;
+    pipelines.run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None)?;
     match different(&results, &expected, POINTS) {
         0 => Ok(()),
         wrong => Err(GpuPatternError::Points { wrong, checked: POINTS }),

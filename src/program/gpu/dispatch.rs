@@ -1,6 +1,6 @@
 //! A kernel's pipelines and buffers: sends columns of words, runs an entry point, reads columns back.
 
-use super::passthrough;
+use super::{GpuPatternError, passthrough};
 use crate::program::device::WORKGROUP;
 use crate::trace::gpu::Gpu;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -30,6 +30,8 @@ pub(super) enum Failure {
     Loss,
     /// The dispatch never returns.
     Hang,
+    /// There is no memory for the points.
+    OutOfMemory,
 }
 
 /// A compiled kernel.
@@ -50,6 +52,27 @@ struct Buffers {
     results: wgpu::Buffer,
     readback: wgpu::Buffer,
     params: wgpu::Buffer,
+}
+
+impl Buffers {
+    fn new(device: &wgpu::Device, (input_bytes, result_bytes): (u64, u64)) -> Self {
+        use wgpu::BufferUsages as U;
+        let buffer = |label, bytes: u64, usage| {
+            let size = bytes.max(16).next_power_of_two();
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        Self {
+            inputs: buffer("inputs", input_bytes, U::STORAGE | U::COPY_DST),
+            results: buffer("results", result_bytes, U::STORAGE | U::COPY_SRC),
+            readback: buffer("readback", result_bytes, U::MAP_READ | U::COPY_DST),
+            params: buffer("params", 16, U::UNIFORM | U::COPY_DST),
+        }
+    }
 }
 
 impl Pipelines {
@@ -97,7 +120,7 @@ impl Pipelines {
     /// Runs an entry point for as many points as a column has words, at most [`MOST_POINTS`].
     ///
     /// # Errors
-    /// When the device is lost.
+    /// When the device is lost, or has no memory for the points.
     pub fn run(
         &self,
         gpu: &Gpu,
@@ -105,10 +128,20 @@ impl Pipelines {
         inputs: &[u32],
         results: &mut [u32],
         failure: Option<Failure>,
-    ) -> Result<(), String> {
+    ) -> Result<(), GpuPatternError> {
         debug_assert!(points <= MOST_POINTS);
-        gpu.guard(|device, queue| {
-            let buffers = self.buffers(device, size_of_val(inputs), size_of_val(results));
+        if failure == Some(Failure::OutOfMemory) {
+            return Err(GpuPatternError::Memory("as requested".into()));
+        }
+        let sizes = (size_of_val(inputs) as u64, size_of_val(results) as u64);
+        let buffers = match self.idle(sizes) {
+            Some(buffers) => buffers,
+            None => {
+                let made = gpu.attempt(|device, _| Buffers::new(device, sizes));
+                made.map_err(GpuPatternError::Lost)?.map_err(GpuPatternError::Memory)?
+            }
+        };
+        let answered = gpu.guard(|device, queue| {
             let (pipeline, case) = match entry {
                 Entry::Pattern => (&self.pattern, 0),
                 Entry::Probe(case) => (&self.probe, case),
@@ -147,34 +180,14 @@ impl Pipelines {
             buffers.readback.unmap();
             self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(buffers);
             Ok(())
-        })
+        });
+        answered.map_err(GpuPatternError::Lost)
     }
 
-    /// Idle buffers that are large enough, or new ones.
-    fn buffers(&self, device: &wgpu::Device, input_bytes: usize, result_bytes: usize) -> Buffers {
-        use wgpu::BufferUsages as U;
-        let is_enough = |buffers: &Buffers| {
-            buffers.inputs.size() >= input_bytes as u64 && buffers.results.size() >= result_bytes as u64
-        };
+    /// Idle buffers that are large enough for these bytes of inputs and results.
+    fn idle(&self, (input_bytes, result_bytes): (u64, u64)) -> Option<Buffers> {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        if let Some(buffers) = idle.filter(is_enough) {
-            return buffers;
-        }
-        let buffer = |label, bytes: usize, usage| {
-            let size = bytes.max(16).next_power_of_two() as u64;
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
-        Buffers {
-            inputs: buffer("inputs", input_bytes, U::STORAGE | U::COPY_DST),
-            results: buffer("results", result_bytes, U::STORAGE | U::COPY_SRC),
-            readback: buffer("readback", result_bytes, U::MAP_READ | U::COPY_DST),
-            params: buffer("params", 16, U::UNIFORM | U::COPY_DST),
-        }
+        idle.filter(|buffers| buffers.inputs.size() >= input_bytes && buffers.results.size() >= result_bytes)
     }
 
     fn group(&self, device: &wgpu::Device, buffers: &Buffers) -> wgpu::BindGroup {

@@ -18,10 +18,12 @@ pub use attached::{attach, shading_report};
 
 use super::PatternShader;
 use super::device::{FloatControls, Kernel, spirv};
+use crate::scene::DeviceCost;
 use crate::trace::gpu::{Fault, Gpu};
 use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 /// One point in this many is computed again by the host, and at least as many of each dispatch.
 const SAMPLE: usize = 64;
@@ -75,6 +77,9 @@ pub enum GpuPatternError {
     /// The device was lost.
     #[error("the device was lost: {0}")]
     Lost(String),
+    /// The device has no memory for the points.
+    #[error("no memory for its points: {0}")]
+    Memory(String),
     /// A loop of the shader does not end.
     #[error("line {line}: this loop takes too many turns; does it end at every point?")]
     Endless {
@@ -203,16 +208,27 @@ impl GpuPattern {
         points: usize,
         inputs: &[u32],
     ) -> Result<Vec<u32>, GpuPatternError> {
+        Ok(self.compute(shader, points, inputs)?.0)
+    }
+
+    /// [`GpuPattern::evaluate`], with what it cost.
+    fn compute(
+        &self,
+        shader: &PatternShader,
+        points: usize,
+        inputs: &[u32],
+    ) -> Result<(Vec<u32>, DeviceCost), GpuPatternError> {
         assert_eq!(inputs.len(), points * self.kernel.inputs.len(), "a word for each point and input");
         if let Some(error) = self.refused() {
             return Err(error.clone());
         }
         let mut all = vec![0; points * self.kernel.outputs.len()];
+        let mut cost = DeviceCost::default();
         for start in (0..points).step_by(MOST_POINTS) {
             let end = points.min(start + MOST_POINTS);
             let piece: Vec<u32> =
                 inputs.chunks(points).flat_map(|column| &column[start..end]).copied().collect();
-            let results = self.piece(shader, end - start, &piece).inspect_err(|error| {
+            let results = self.piece(shader, end - start, &piece, &mut cost).inspect_err(|error| {
                 if !matches!(error, GpuPatternError::Endless { .. }) {
                     let _ = self.refused.set(error.clone());
                 }
@@ -221,7 +237,7 @@ impl GpuPattern {
                 to[start..end].copy_from_slice(from);
             }
         }
-        Ok(all)
+        Ok((all, cost))
     }
 
     /// Computes the points of one dispatch.
@@ -230,6 +246,7 @@ impl GpuPattern {
         shader: &PatternShader,
         points: usize,
         inputs: &[u32],
+        cost: &mut DeviceCost,
     ) -> Result<Vec<u32>, GpuPatternError> {
         let outputs = self.kernel.outputs.len() * points;
         let mut results = vec![0; outputs + points];
@@ -237,10 +254,14 @@ impl GpuPattern {
         let failure = match fault {
             Some(Fault::ShadeLost(_)) => Some(Failure::Loss),
             Some(Fault::ShadeHang(_)) => Some(Failure::Hang),
+            _ if self.gpu.fault() == Some(Fault::ShadeOutOfMemory) => Some(Failure::OutOfMemory),
             _ => None,
         };
         let entry = (Entry::Pattern, points);
-        self.pipelines.run(&self.gpu, entry, inputs, &mut results, failure).map_err(GpuPatternError::Lost)?;
+        let began = Instant::now();
+        self.pipelines.run(&self.gpu, entry, inputs, &mut results, failure)?;
+        cost.waiting_ns += began.elapsed().as_nanos() as u64;
+        cost.bytes += (size_of_val(inputs) + size_of_val(&*results)) as u64;
         if let Some(Fault::ShadeCorrupt(_)) = fault {
             results[..outputs].iter_mut().for_each(|word| *word ^= 1);
         }
@@ -261,6 +282,7 @@ impl GpuPattern {
         self.points.fetch_add(points as u64, Relaxed);
         self.undecided.fetch_add(undecided.len() as u64, Relaxed);
         self.checked.fetch_add(again.len() as u64, Relaxed);
+        cost.checked += again.len() as u64;
         Ok(results)
     }
 

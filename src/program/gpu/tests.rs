@@ -146,6 +146,11 @@ fn every_fault_is_an_error_and_leaves_the_pattern_to_the_host() {
         (Fault::ShadeHang(2), "did not return within"),
         (Fault::ShadeCorrupt(2), "points differ"),
     ];
+    let gpu = Arc::new(open().with_fault(Fault::ShadeOutOfMemory));
+    let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
+    let inputs = sample_points(&shader, compiled.inputs(), 1000, 3);
+    let error = compiled.evaluate(&shader, 1000, &inputs).expect_err("no memory");
+    assert!(error.to_string().contains("no memory") && gpu.lost().is_none(), "{error}");
     for (fault, says) in faults {
         let gpu = Arc::new(open().with_fault(fault));
         let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");

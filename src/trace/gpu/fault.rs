@@ -22,6 +22,8 @@ pub enum Fault {
     ShadeHang(u64),
     /// The dispatch of a pattern returns wrong finishes.
     ShadeCorrupt(u64),
+    /// The device has no memory for the points of patterns.
+    ShadeOutOfMemory,
     /// The device refuses the kernels of patterns.
     ShadeRefused,
     /// Products in patterns have another last bit in some cases.
@@ -32,7 +34,8 @@ pub enum Fault {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, or shade-lost@N, shade-hang@N or \
-     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, shade-refused or shade-inexact"
+     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, shade-oom, shade-refused or \
+     shade-inexact"
 )]
 pub struct NoSuchFault(String);
 
@@ -44,6 +47,7 @@ impl FromStr for Fault {
         let Some((name, at)) = text.split_once('@') else {
             return match text {
                 "gpu-oom" => Ok(Self::OutOfMemory),
+                "shade-oom" => Ok(Self::ShadeOutOfMemory),
                 "shade-refused" => Ok(Self::ShadeRefused),
                 "shade-inexact" => Ok(Self::ShadeInexact),
                 _ => Err(error()),
@@ -91,6 +95,7 @@ impl Display for Fault {
             Self::ShadeLost(at) => write!(f, "shade-lost@{at}"),
             Self::ShadeHang(at) => write!(f, "shade-hang@{at}"),
             Self::ShadeCorrupt(at) => write!(f, "shade-corrupt@{at}"),
+            Self::ShadeOutOfMemory => f.write_str("shade-oom"),
             Self::ShadeRefused => f.write_str("shade-refused"),
             Self::ShadeInexact => f.write_str("shade-inexact"),
         }
@@ -126,6 +131,7 @@ mod tests {
             Fault::ShadeLost(3),
             Fault::ShadeHang(1),
             Fault::ShadeCorrupt(9),
+            Fault::ShadeOutOfMemory,
             Fault::ShadeRefused,
             Fault::ShadeInexact,
         ];
