@@ -273,8 +273,7 @@ impl Shading<'_, '_> {
         ids: Int<L>,
         lanes: Mask<L>,
     ) {
-        let frame = self.frame;
-        let scene = frame.scene();
+        let (frame, scene) = (self.frame, self.frame.scene());
         let material = &scene.materials[number as usize];
         let mut state = States::of(self.batch.payloads, ids);
         let hits = hits_of(&self.batch, ids);

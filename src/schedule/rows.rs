@@ -6,8 +6,6 @@
 
 #![allow(unsafe_code, reason = "the invariant above")]
 
-use crate::lanes::for_pairs_mut;
-
 /// Appends the first `count` elements of a row. Where the capacity suffices, the whole row is copied and the excess
 /// overwritten later: copying a number of elements that the compiler knows takes a few stores in place of a call.
 #[inline(always)]
@@ -15,9 +13,9 @@ pub(super) fn extend_from_row<T: Copy>(to: &mut Vec<T>, row: &[T], count: usize)
     let len = to.len();
     match to.spare_capacity_mut().get_mut(..row.len()) {
         Some(spare) if count <= row.len() => {
-            for_pairs_mut(spare, row, |place, element| {
-                place.write(*element);
-            });
+            for (i, place) in spare.iter_mut().enumerate() {
+                place.write(row[i]);
+            }
             // SAFETY: invariant 1. The loop wrote as many elements as the row has, and those are at least `count`.
             unsafe { to.set_len(len + count) };
         }
