@@ -8,6 +8,7 @@ use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::trace::gpu::Fault;
 use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -71,6 +72,9 @@ fn soak(frames: usize, seed: u32) -> Seen {
     seen
 }
 
+/// Set in the environment of the process that renders the frames.
+const ALONE: &str = "RAYSTREAM_SOAK_ALONE";
+
 /// Memory in use, where the system tells.
 fn resident_bytes() -> Option<usize> {
     let pages = std::fs::read_to_string("/proc/self/statm").ok()?;
@@ -83,6 +87,15 @@ fn resident_bytes() -> Option<usize> {
 /// devices opened, lost and replaced in a loop by nothing.
 #[test]
 fn five_hundred_frames_with_failing_devices_and_flat_memory() {
+    // Other tests of this program take memory meanwhile, so frames are rendered in a process of their own.
+    if std::env::var_os(ALONE).is_none() {
+        let name = "soak::five_hundred_frames_with_failing_devices_and_flat_memory";
+        let mut alone = Command::new(std::env::current_exe().expect("this program"));
+        let status =
+            alone.args(["--exact", name, "--nocapture"]).env(ALONE, "1").status().expect("it starts");
+        assert!(status.success(), "the process ended with {status}");
+        return;
+    }
     let start = Instant::now();
     let warm = soak(100, 2);
     let before = resident_bytes();
