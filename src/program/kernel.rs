@@ -8,6 +8,7 @@ use crate::lanes::{Lanes, SimdLevel, for_pairs};
 use crate::scene::{FieldType, POINT_FIELDS};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// The programs whose columns a thread keeps.
@@ -21,7 +22,7 @@ thread_local! {
 /// A lowered function.
 #[derive(Debug)]
 pub(super) struct Kernel {
-    pub code: Code,
+    pub code: Arc<Code>,
     /// Differs between all programs of a process, and from 0.
     number: u64,
 }
@@ -29,7 +30,7 @@ pub(super) struct Kernel {
 impl Kernel {
     pub fn new(code: Code) -> Self {
         static NUMBERS: AtomicU64 = AtomicU64::new(1);
-        Self { code, number: NUMBERS.fetch_add(1, Relaxed) }
+        Self { code: Arc::new(code), number: NUMBERS.fetch_add(1, Relaxed) }
     }
 
     /// Columns of `block` points, to be returned by [`Kernel::keep`].

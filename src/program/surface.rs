@@ -1,7 +1,7 @@
 //! Patterns: shaders that compute the finish of a surface.
 
 #[cfg(feature = "gpu")]
-use super::device::{PatternDevice, ShadingReport};
+use super::device::{Program, ShadingDevice, ShadingReport};
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
@@ -11,12 +11,12 @@ use super::parameter::Parameter;
 use super::run::BLOCK;
 use super::source::{Fault, ShaderError};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
+#[cfg(feature = "gpu")]
+use crate::scene::DeviceSurface;
 use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
     Procedural,
 };
-#[cfg(feature = "gpu")]
-use crate::scene::{DeviceCost, DeviceSurface};
 use naga::Span;
 use std::any::Any;
 use std::fmt;
@@ -73,7 +73,7 @@ pub struct PatternShader {
     block: Option<usize>,
     /// What computes the pattern before hits are shaded.
     #[cfg(feature = "gpu")]
-    device: OnceLock<Box<dyn PatternDevice>>,
+    device: OnceLock<Box<dyn ShadingDevice>>,
 }
 
 impl fmt::Debug for PatternShader {
@@ -136,10 +136,10 @@ impl PatternShader {
         &self.parameters
     }
 
-    /// The program.
+    /// The program, as devices compute it.
     #[cfg(feature = "gpu")]
-    pub(super) fn code(&self) -> &super::code::Code {
-        &self.kernel.code
+    pub(super) fn program(&self) -> Program {
+        Program { file: self.file.clone(), code: self.kernel.code.clone() }
     }
 
     /// Number of operations that a point takes, loops counted once.
@@ -149,7 +149,7 @@ impl PatternShader {
 
     /// Lets a device compute the pattern from now on, unless there is one already.
     #[cfg(feature = "gpu")]
-    pub(super) fn attach(&self, device: Box<dyn PatternDevice>) {
+    pub(super) fn attach(&self, device: Box<dyn ShadingDevice>) {
         let _ = self.device.set(device);
     }
 
@@ -210,42 +210,7 @@ impl BlockSurface for PatternShader {
 
     #[cfg(feature = "gpu")]
     fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        self.device.get().map(|_| self as &dyn DeviceSurface)
-    }
-}
-
-#[cfg(feature = "gpu")]
-impl PatternShader {
-    fn device(&self) -> &dyn PatternDevice {
-        &**self.device.get().expect("only patterns that have a device are computed there")
-    }
-}
-
-#[cfg(feature = "gpu")]
-impl DeviceSurface for PatternShader {
-    fn varying(&self) -> &[u32] {
-        self.device().varying()
-    }
-
-    fn is_sound(&self) -> bool {
-        self.device().is_sound()
-    }
-
-    fn compute(
-        &self,
-        points: usize,
-        from: &BlockColumns,
-        to: &mut BlockColumns,
-    ) -> Result<DeviceCost, String> {
-        self.device().compute(self, points, from, to)
-    }
-
-    fn fill_others(&self, points: usize, to: &mut BlockColumns) {
-        self.device().fill_others(points, to);
-    }
-
-    fn count(&self, from_device: bool) {
-        self.device().count(from_device);
+        self.device.get().map(|device| &**device as &dyn DeviceSurface)
     }
 }
 

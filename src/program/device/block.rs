@@ -1,35 +1,19 @@
-//! What a pattern asks of a device: the finishes of many hits.
+//! What a device computes of a pattern: the finishes of many hits.
 
-use crate::program::PatternShader;
-use crate::scene::{BlockColumns, DeviceCost, FieldType, POINT_FIELDS};
-use std::fmt::Debug;
+use crate::program::code::Code;
+use crate::scene::{BlockColumns, DeviceSurface, FieldType, POINT_FIELDS};
+use std::sync::Arc;
 
-/// Computes a pattern instead of the host: [`crate::scene::DeviceSurface`], which is given the pattern.
-pub(crate) trait PatternDevice: Debug + Send + Sync {
-    /// The scalars of finishes that differ from point to point.
-    fn varying(&self) -> &[u32];
+/// A program as devices compute it.
+#[derive(Clone, Debug)]
+pub(crate) struct Program {
+    /// Name of its file.
+    pub file: String,
+    pub(in crate::program) code: Arc<Code>,
+}
 
-    /// Whether the device has not failed yet.
-    fn is_sound(&self) -> bool;
-
-    /// Computes the varying scalars.
-    ///
-    /// # Errors
-    /// Why the device failed.
-    fn compute(
-        &self,
-        shader: &PatternShader,
-        points: usize,
-        from: &BlockColumns,
-        to: &mut BlockColumns,
-    ) -> Result<DeviceCost, String>;
-
-    /// Writes the scalars that do not vary.
-    fn fill_others(&self, points: usize, to: &mut BlockColumns);
-
-    /// Counts a block of hits that is shaded.
-    fn count(&self, from_device: bool);
-
+/// Computes a shader instead of the host.
+pub(crate) trait ShadingDevice: DeviceSurface {
     /// What has been computed so far.
     fn report(&self) -> ShadingReport;
 }

@@ -1,8 +1,7 @@
 //! The host's results for the points of a kernel.
 
 use crate::lanes::SimdLevel;
-use crate::program::PatternShader;
-use crate::program::device::Kernel;
+use crate::program::device::{Kernel, Program};
 use crate::program::run::{BLOCK, Columns, run_alone};
 
 /// A loop does not end.
@@ -12,7 +11,7 @@ pub(crate) struct Endless {
     pub line: u32,
 }
 
-impl PatternShader {
+impl Program {
     /// Computes the columns of a kernel's results from those of its inputs, both of `points` words each.
     ///
     /// # Errors
@@ -23,7 +22,7 @@ impl PatternShader {
         points: usize,
         inputs: &[u32],
     ) -> Result<Vec<u32>, Endless> {
-        let code = self.code();
+        let code = &*self.code;
         let level = SimdLevel::detect();
         let mut results = vec![0; kernel.outputs.len() * points];
         let mut columns = Columns::default();

@@ -3,9 +3,8 @@
 //! Registers are variables of the kernel, one word each. A skip is an `if` and a repetition a `loop`: the lowerer nests
 //! them. Functions that the host computes with kernels in lanes are lowered from the prelude's text.
 
-use super::block::Given;
+use super::block::{Given, Program};
 use super::probe::{Probe, probes};
-use crate::program::PatternShader;
 use crate::program::code::{Code, Instruction, Register};
 use crate::program::lower::{Input, lower};
 use crate::program::native::Native;
@@ -44,8 +43,8 @@ impl Kernel {
     ///
     /// # Errors
     /// When the program is too long for devices.
-    pub fn new(shader: &PatternShader, flushes: bool) -> Result<Self, String> {
-        let code = shader.code();
+    pub fn new(program: &Program, flushes: bool) -> Result<Self, String> {
+        let code = &*program.code;
         let natives = natives(code);
         let length =
             code.instructions.len() + natives.iter().map(|(_, c)| c.instructions.len()).sum::<usize>();

@@ -19,7 +19,7 @@ mod spirv;
 pub(super) mod tests;
 
 pub use block::ShadingReport;
-pub(crate) use block::{Given, PatternDevice, words};
+pub(crate) use block::{Given, Program, ShadingDevice, words};
 pub(crate) use kernel::{Kernel, WORKGROUP};
 pub(crate) use probe::{cases, sample_points};
 pub(crate) use spirv::{FloatControls, spirv};

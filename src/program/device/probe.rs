@@ -1,8 +1,8 @@
 //! The cases that show whether a device computes operations as the host does.
 
+use super::block::Program;
 use super::kernel::expression;
 use crate::geom::mix;
-use crate::program::PatternShader;
 use crate::program::code::{Code, Instruction};
 use crate::program::operation::Operation;
 use crate::scene::{FieldType, POINT_FIELDS};
@@ -143,10 +143,10 @@ pub(crate) fn cases() -> Vec<[u32; 3]> {
 }
 
 /// Columns of a pattern's inputs at `points` random points, those of different `seed`s differ.
-pub(crate) fn sample_points(shader: &PatternShader, inputs: &[u32], points: usize, seed: u32) -> Vec<u32> {
+pub(crate) fn sample_points(program: &Program, inputs: &[u32], points: usize, seed: u32) -> Vec<u32> {
     let kinds: Vec<FieldType> =
         POINT_FIELDS.iter().flat_map(|field| std::iter::repeat_n(field.kind, field.kind.numbers())).collect();
-    let seed = mix(seed ^ shader.code().registers);
+    let seed = mix(seed ^ program.code.registers);
     let word = |column: usize, point: usize| {
         let random = mix(mix(point as u32 ^ seed).wrapping_add(0x85eb_ca6bu32.wrapping_mul(column as u32)));
         match kinds[inputs[column] as usize] {

@@ -51,7 +51,8 @@ fn kernels_have_no_operation_on_numbers_but_sums_differences_and_products() {
     let all = FloatControls { rounding: true, subnormals: true, special: true };
     for (name, shader) in examples() {
         for flushes in [false, true] {
-            let kernel = Kernel::new(&shader, flushes).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let kernel =
+                Kernel::new(&shader.program(), flushes).unwrap_or_else(|error| panic!("{name}: {error}"));
             for controls in [FloatControls::default(), all] {
                 let words = spirv(&kernel.source, controls);
                 let words = words.unwrap_or_else(|error| panic!("{name}: {error}\n{}", kernel.source));
@@ -81,6 +82,6 @@ fn long_programs_are_refused_with_their_length() {
         }}"
     );
     let shader = PatternShader::load("long.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
-    let Err(refusal) = Kernel::new(&shader, false) else { panic!("too long") };
+    let Err(refusal) = Kernel::new(&shader.program(), false) else { panic!("too long") };
     assert!(refusal.contains("too many for a device"), "{refusal}");
 }

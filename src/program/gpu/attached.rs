@@ -2,8 +2,8 @@
 
 use super::GpuPattern;
 use crate::program::PatternShader;
-use crate::program::device::{Given, PatternDevice, ShadingReport, words};
-use crate::scene::{BlockColumns, BlockSurface, DeviceCost};
+use crate::program::device::{Given, ShadingDevice, ShadingReport, words};
+use crate::scene::{BlockColumns, BlockSurface, DeviceCost, DeviceSurface};
 use crate::trace::gpu::Gpu;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -46,7 +46,7 @@ impl Attached {
     }
 }
 
-impl PatternDevice for Attached {
+impl DeviceSurface for Attached {
     fn varying(&self) -> &[u32] {
         &self.varying
     }
@@ -57,14 +57,13 @@ impl PatternDevice for Attached {
 
     fn compute(
         &self,
-        shader: &PatternShader,
         points: usize,
         from: &BlockColumns,
         to: &mut BlockColumns,
     ) -> Result<DeviceCost, String> {
         let inputs = words(self.pattern.inputs(), points, from);
-        let computed = self.pattern.compute(shader, points, &inputs);
-        let (results, cost) = computed.map_err(|error| format!("{}: {error}", shader.file()))?;
+        let computed = self.pattern.compute(points, &inputs);
+        let (results, cost) = computed.map_err(|error| format!("{}: {error}", self.pattern.program.file))?;
         for (column, &scalar) in results.chunks(points).zip(self.pattern.outputs()) {
             let to = to.column_mut(scalar as usize);
             to.iter_mut().zip(column).for_each(|(number, &word)| *number = f32::from_bits(word));
@@ -90,7 +89,9 @@ impl PatternDevice for Attached {
         self.eligible.fetch_add(1, Relaxed);
         self.shaded.fetch_add(u64::from(from_device), Relaxed);
     }
+}
 
+impl ShadingDevice for Attached {
     fn report(&self) -> ShadingReport {
         let report = self.pattern.report();
         ShadingReport {

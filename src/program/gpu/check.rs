@@ -3,8 +3,7 @@
 
 use super::dispatch::{Entry, Pipelines};
 use super::{GpuPatternError, SAMPLE};
-use crate::program::PatternShader;
-use crate::program::device::{Kernel, cases, sample_points};
+use crate::program::device::{Kernel, Program, cases, sample_points};
 use crate::trace::gpu::Gpu;
 
 /// Points at which a pattern is compared before it is used.
@@ -53,11 +52,11 @@ pub(super) fn points(
     gpu: &Gpu,
     pipelines: &Pipelines,
     kernel: &Kernel,
-    shader: &PatternShader,
+    program: &Program,
 ) -> Result<(), GpuPatternError> {
-    let inputs = sample_points(shader, &kernel.inputs, POINTS, 0);
+    let inputs = sample_points(program, &kernel.inputs, POINTS, 0);
     // A loop that does not end at some point is told when a picture needs that point.
-    let Ok(expected) = shader.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
+    let Ok(expected) = program.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
     let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
     pipelines.run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None)?;
     match different(&results, &expected, POINTS) {

@@ -17,7 +17,7 @@ pub use super::device::ShadingReport;
 pub use attached::{attach, shading_report};
 
 use super::PatternShader;
-use super::device::{FloatControls, Kernel, spirv};
+use super::device::{FloatControls, Kernel, Program, spirv};
 use crate::scene::DeviceCost;
 use crate::trace::gpu::{Fault, Gpu};
 use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
@@ -104,6 +104,7 @@ pub struct GpuPatternReport {
 #[derive(Debug)]
 pub struct GpuPattern {
     gpu: Arc<Gpu>,
+    program: Program,
     kernel: Kernel,
     pipelines: Pipelines,
     /// Whether points near subnormal numbers are left to the host.
@@ -123,12 +124,13 @@ impl GpuPattern {
         if gpu.fault() == Some(Fault::ShadeRefused) {
             return Err(GpuPatternError::Kernel("refused, as requested".into()));
         }
+        let program = shader.program();
         let make = |flushes: bool| {
-            let mut kernel = Kernel::new(shader, flushes).map_err(GpuPatternError::Kernel)?;
+            let mut kernel = Kernel::new(&program, flushes).map_err(GpuPatternError::Kernel)?;
             if gpu.fault() == Some(Fault::ShadeInexact) {
                 kernel = with_inexact_products(kernel);
             }
-            Self::of_kernel(gpu, shader, kernel, flushes)
+            Self::of_kernel(gpu, program.clone(), kernel, flushes)
         };
         match make(false) {
             Err(GpuPatternError::Operation { .. } | GpuPatternError::Points { .. }) => make(true),
@@ -138,7 +140,7 @@ impl GpuPattern {
 
     fn of_kernel(
         gpu: &Arc<Gpu>,
-        shader: &PatternShader,
+        program: Program,
         kernel: Kernel,
         flushes: bool,
     ) -> Result<Self, GpuPatternError> {
@@ -154,9 +156,10 @@ impl GpuPattern {
         let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
         let pipelines = pipelines.map_err(GpuPatternError::Lost)?.map_err(GpuPatternError::Kernel)?;
         check::operations(gpu, &pipelines, &kernel)?;
-        check::points(gpu, &pipelines, &kernel, shader)?;
+        check::points(gpu, &pipelines, &kernel, &program)?;
         Ok(Self {
             gpu: gpu.clone(),
+            program,
             kernel,
             pipelines,
             flushes,
@@ -196,28 +199,17 @@ impl GpuPattern {
         }
     }
 
-    /// Computes columns of results from columns of inputs, `points` words each. `shader` is the pattern that was
-    /// compiled.
+    /// Computes columns of results from columns of inputs, `points` words each.
     ///
     /// # Errors
     /// When the device is lost or has answered wrongly; the pattern is then back on the host for good. When a loop of
     /// the shader does not end.
-    pub fn evaluate(
-        &self,
-        shader: &PatternShader,
-        points: usize,
-        inputs: &[u32],
-    ) -> Result<Vec<u32>, GpuPatternError> {
-        Ok(self.compute(shader, points, inputs)?.0)
+    pub fn evaluate(&self, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuPatternError> {
+        Ok(self.compute(points, inputs)?.0)
     }
 
     /// [`GpuPattern::evaluate`], with what it cost.
-    fn compute(
-        &self,
-        shader: &PatternShader,
-        points: usize,
-        inputs: &[u32],
-    ) -> Result<(Vec<u32>, DeviceCost), GpuPatternError> {
+    fn compute(&self, points: usize, inputs: &[u32]) -> Result<(Vec<u32>, DeviceCost), GpuPatternError> {
         assert_eq!(inputs.len(), points * self.kernel.inputs.len(), "a word for each point and input");
         if let Some(error) = self.refused() {
             return Err(error.clone());
@@ -228,7 +220,7 @@ impl GpuPattern {
             let end = points.min(start + MOST_POINTS);
             let piece: Vec<u32> =
                 inputs.chunks(points).flat_map(|column| &column[start..end]).copied().collect();
-            let results = self.piece(shader, end - start, &piece, &mut cost).inspect_err(|error| {
+            let results = self.piece(end - start, &piece, &mut cost).inspect_err(|error| {
                 if !matches!(error, GpuPatternError::Endless { .. }) {
                     let _ = self.refused.set(error.clone());
                 }
@@ -243,7 +235,6 @@ impl GpuPattern {
     /// Computes the points of one dispatch.
     fn piece(
         &self,
-        shader: &PatternShader,
         points: usize,
         inputs: &[u32],
         cost: &mut DeviceCost,
@@ -266,7 +257,7 @@ impl GpuPattern {
             results[..outputs].iter_mut().for_each(|word| *word ^= 1);
         }
         let again = check::sample(points, number);
-        let expected = self.on_host(shader, points, inputs, &again)?;
+        let expected = self.on_host(points, inputs, &again)?;
         let picked: Vec<u32> =
             results.chunks(points).flat_map(|column| again.iter().map(|&point| column[point])).collect();
         let wrong = check::different(&picked, &expected, again.len());
@@ -274,7 +265,7 @@ impl GpuPattern {
             return Err(GpuPatternError::Points { wrong, checked: again.len() });
         }
         let undecided: Vec<usize> = (0..points).filter(|&point| results[outputs + point] != 0).collect();
-        let decided = self.on_host(shader, points, inputs, &undecided)?;
+        let decided = self.on_host(points, inputs, &undecided)?;
         results.truncate(outputs);
         for (to, from) in results.chunks_mut(points).zip(decided.chunks(undecided.len().max(1))) {
             undecided.iter().zip(from).for_each(|(&point, &word)| to[point] = word);
@@ -287,19 +278,13 @@ impl GpuPattern {
     }
 
     /// The host's results for some of the points.
-    fn on_host(
-        &self,
-        shader: &PatternShader,
-        points: usize,
-        inputs: &[u32],
-        some: &[usize],
-    ) -> Result<Vec<u32>, GpuPatternError> {
+    fn on_host(&self, points: usize, inputs: &[u32], some: &[usize]) -> Result<Vec<u32>, GpuPatternError> {
         if some.is_empty() {
             return Ok(Vec::new());
         }
         let picked: Vec<u32> =
             inputs.chunks(points).flat_map(|column| some.iter().map(|&point| column[point])).collect();
-        let results = shader.evaluate(&self.kernel, some.len(), &picked);
+        let results = self.program.evaluate(&self.kernel, some.len(), &picked);
         results.map_err(|endless| GpuPatternError::Endless { line: endless.line })
     }
 }

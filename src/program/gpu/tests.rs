@@ -33,10 +33,9 @@ fn examples_have_the_hosts_bits_at_every_point() {
         let (mut done, mut seed) = (0, 1);
         while done < points() {
             let count = (points() - done).min(300_001);
-            let inputs = sample_points(&shader, compiled.inputs(), count, seed);
-            let results =
-                compiled.evaluate(&shader, count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
-            let expected = shader.evaluate(&compiled.kernel, count, &inputs).expect("loops end");
+            let inputs = sample_points(&shader.program(), compiled.inputs(), count, seed);
+            let results = compiled.evaluate(count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let expected = shader.program().evaluate(&compiled.kernel, count, &inputs).expect("loops end");
             let different =
                 results.iter().zip(&expected).filter(|(result, expected)| result != expected).count();
             assert_eq!((different, results.len()), (0, expected.len()), "{name}");
@@ -54,12 +53,12 @@ fn examples_have_the_hosts_bits_at_every_point() {
 fn the_kernel_for_devices_that_flush_has_the_hosts_bits() {
     let gpu = Arc::new(open());
     for (name, shader) in examples() {
-        let kernel = Kernel::new(&shader, true).expect("a kernel");
-        let compiled =
-            GpuPattern::of_kernel(&gpu, &shader, kernel, true).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let inputs = sample_points(&shader, compiled.inputs(), 5000, 9);
-        let results = compiled.evaluate(&shader, 5000, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
-        assert_eq!(Ok(results), shader.evaluate(&compiled.kernel, 5000, &inputs), "{name}");
+        let kernel = Kernel::new(&shader.program(), true).expect("a kernel");
+        let compiled = GpuPattern::of_kernel(&gpu, shader.program(), kernel, true)
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        let inputs = sample_points(&shader.program(), compiled.inputs(), 5000, 9);
+        let results = compiled.evaluate(5000, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(Ok(results), shader.program().evaluate(&compiled.kernel, 5000, &inputs), "{name}");
     }
 }
 
@@ -70,7 +69,7 @@ fn a_device_that_flushes_is_found_and_gets_its_kernel() {
     let shader =
         pattern("f.roughness = at.position.x * at.position.y + at.uv.x; f.metallic = at.uv.y * 1e-30;");
     let flushing = |flushes| {
-        let kernel = Kernel::new(&shader, flushes).expect("a kernel");
+        let kernel = Kernel::new(&shader.program(), flushes).expect("a kernel");
         let mut source = kernel.source.clone();
         for operator in ["+", "-", "*"] {
             let exact = format!("bitcast<u32>(bitcast<f32>(a) {operator} bitcast<f32>(b))");
@@ -83,14 +82,16 @@ fn a_device_that_flushes_is_found_and_gets_its_kernel() {
         source += "fn flushed(x: u32) -> u32 { return select(x, x & SIGN, (x & MAGNITUDE) < 0x800000u); }";
         Kernel { source, ..kernel }
     };
-    let refusal = GpuPattern::of_kernel(&gpu, &shader, flushing(false), false).expect_err("it flushes");
+    let refusal =
+        GpuPattern::of_kernel(&gpu, shader.program(), flushing(false), false).expect_err("it flushes");
     assert!(matches!(refusal, GpuPatternError::Operation { .. }), "{refusal}");
-    let compiled = GpuPattern::of_kernel(&gpu, &shader, flushing(true), true).expect("the host helps");
-    let mut inputs = sample_points(&shader, compiled.inputs(), 3000, 2);
+    let compiled =
+        GpuPattern::of_kernel(&gpu, shader.program(), flushing(true), true).expect("the host helps");
+    let mut inputs = sample_points(&shader.program(), compiled.inputs(), 3000, 2);
     // Every third number is tiny.
     inputs.iter_mut().step_by(3).for_each(|word| *word = *word & 0x80ff_ffff | 1);
-    let results = compiled.evaluate(&shader, 3000, &inputs);
-    assert_eq!(results.ok(), shader.evaluate(&compiled.kernel, 3000, &inputs).ok());
+    let results = compiled.evaluate(3000, &inputs);
+    assert_eq!(results.ok(), shader.program().evaluate(&compiled.kernel, 3000, &inputs).ok());
     assert!(compiled.report().undecided > 500, "{:?}", compiled.report());
 }
 
@@ -114,27 +115,28 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
         ("x > 0x3f000000u);", "x >= 0x3f000000u);", "nearest integer, ties to even"),
     ];
     for (exact, lie, operation) in lies {
-        let kernel = Kernel::new(&shader, false).expect("a kernel");
+        let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
         assert!(kernel.source.contains(exact), "{exact}");
         let kernel = Kernel { source: kernel.source.replace(exact, lie), ..kernel };
-        let refusal = GpuPattern::of_kernel(&gpu, &shader, kernel, false).expect_err(operation).to_string();
+        let refusal =
+            GpuPattern::of_kernel(&gpu, shader.program(), kernel, false).expect_err(operation).to_string();
         assert!(refusal.contains(operation), "{operation}: {refusal}");
     }
     // A contraction shows in no single operation.
-    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let fused = kernel.source.replace(
         "result = op_add(op_mul(a, b), op_mul(a, c));",
         "result = op_add(op_mul(a, b), op_mul(a, c)) + u32((a & 1u) == 1u && !undecided);",
     );
     assert_ne!(fused, kernel.source);
-    let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: fused, ..kernel }, false);
+    let refusal = GpuPattern::of_kernel(&gpu, shader.program(), Kernel { source: fused, ..kernel }, false);
     assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + a * c\""));
     // What no operation shows, points show.
-    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let wrong =
         kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
     assert_ne!(wrong, kernel.source);
-    let refusal = GpuPattern::of_kernel(&gpu, &shader, Kernel { source: wrong, ..kernel }, false);
+    let refusal = GpuPattern::of_kernel(&gpu, shader.program(), Kernel { source: wrong, ..kernel }, false);
     assert!(matches!(refusal.expect_err("points differ"), GpuPatternError::Points { .. }));
 }
 
@@ -148,17 +150,17 @@ fn every_fault_is_an_error_and_leaves_the_pattern_to_the_host() {
     ];
     let gpu = Arc::new(open().with_fault(Fault::ShadeOutOfMemory));
     let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
-    let inputs = sample_points(&shader, compiled.inputs(), 1000, 3);
-    let error = compiled.evaluate(&shader, 1000, &inputs).expect_err("no memory");
+    let inputs = sample_points(&shader.program(), compiled.inputs(), 1000, 3);
+    let error = compiled.evaluate(1000, &inputs).expect_err("no memory");
     assert!(error.to_string().contains("no memory") && gpu.lost().is_none(), "{error}");
     for (fault, says) in faults {
         let gpu = Arc::new(open().with_fault(fault));
         let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
-        let inputs = sample_points(&shader, compiled.inputs(), 1000, 3);
-        let expected = shader.evaluate(&compiled.kernel, 1000, &inputs).expect("no loops");
-        assert_eq!(compiled.evaluate(&shader, 1000, &inputs), Ok(expected), "{fault}");
+        let inputs = sample_points(&shader.program(), compiled.inputs(), 1000, 3);
+        let expected = shader.program().evaluate(&compiled.kernel, 1000, &inputs).expect("no loops");
+        assert_eq!(compiled.evaluate(1000, &inputs), Ok(expected), "{fault}");
         for _ in 0..2 {
-            let error = compiled.evaluate(&shader, 1000, &inputs).expect_err(says);
+            let error = compiled.evaluate(1000, &inputs).expect_err(says);
             assert!(error.to_string().contains(says), "{fault}: {error}");
         }
         assert!(compiled.refused().is_some() && compiled.report().points == 1000);
@@ -176,11 +178,11 @@ fn a_loop_without_end_ends_on_the_device_and_is_told_by_the_host() {
         "var x = at.position.x; loop { if (at.position.y > -1000.0) { break; } x += 1.0; } f.roughness = x;",
     );
     let compiled = GpuPattern::new(&gpu, &shader).expect("it ends at ordinary points");
-    let mut inputs = sample_points(&shader, compiled.inputs(), 100, 1);
-    assert!(compiled.evaluate(&shader, 100, &inputs).is_ok());
+    let mut inputs = sample_points(&shader.program(), compiled.inputs(), 100, 1);
+    assert!(compiled.evaluate(100, &inputs).is_ok());
     let height = compiled.inputs().iter().position(|&scalar| scalar == 1).expect("it reads y");
     inputs[height * 100 + 50] = (-2000.0f32).to_bits();
-    let error = compiled.evaluate(&shader, 100, &inputs).expect_err("no end");
+    let error = compiled.evaluate(100, &inputs).expect_err("no end");
     assert!(error.to_string().contains("line 1"), "{error}");
     assert!(compiled.refused().is_none(), "the device is sound");
 }
@@ -190,7 +192,7 @@ fn a_loop_without_end_ends_on_the_device_and_is_told_by_the_host() {
 fn the_probe_runs_within_the_module_of_the_pattern() {
     let gpu = open();
     let shader = pattern("f.roughness = at.position.x * 0.1 * 3.7 + at.uv.x;");
-    let kernel = Kernel::new(&shader, false).expect("a kernel");
+    let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let controls =
         gpu.guard(|device, _| Ok(passthrough::float_controls(device))).expect("the device is there");
     let words = spirv(&kernel.source, controls.expect("Vulkan")).expect("a module");
