@@ -95,7 +95,7 @@ impl Setup {
         Self { prepared, units, service, simd, policy, options, shader: None, load_s: 0.0, build_s: 0.0 }
     }
 
-    /// What a GPU has computed of patterns, and why some were not given to it.
+    /// What a GPU has computed of shaders, and why some were not given to it.
     pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
         let events = self.prepared.unshaded.clone();
         #[cfg(feature = "gpu")]
@@ -124,7 +124,7 @@ fn dispatch_threads(tracers: &Tracers) -> usize {
     traces.unwrap_or(0).max(stages)
 }
 
-/// The unit that computes patterns.
+/// The unit that computes shaders of surfaces.
 #[cfg(feature = "gpu")]
 fn shading(choice: ShadeChoice) -> Shading {
     match choice {

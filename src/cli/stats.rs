@@ -299,7 +299,7 @@ pub struct Units {
     pub cpu: UnitStats,
     /// The GPU.
     pub gpu: GpuStats,
-    /// Patterns in WGSL that the GPU computes; absent without any.
+    /// Patterns and BSDFs in WGSL that the GPU computes; absent without any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shading: Option<ShadingStats>,
     #[serde(skip)]
@@ -309,13 +309,15 @@ pub struct Units {
     pub shading_rates: ShadingRates,
 }
 
-/// Patterns in WGSL that the GPU computes.
+/// Patterns and BSDFs in WGSL that the GPU computes.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct ShadingStats {
     /// Batches of hits that the GPU could have computed.
     pub eligible_batches: u64,
     /// Batches that it computed.
     pub gpu_batches: u64,
+    /// Batches among these whose BSDFs it evaluated.
+    pub gpu_bsdf_batches: u64,
     /// Hits in these.
     pub hits: u64,
     /// Hits among them that the CPU computed, because the GPU could not decide.
@@ -324,11 +326,11 @@ pub struct ShadingStats {
     pub checked: u64,
     /// Nanoseconds of a host thread for a ray that it shaded alone; null without any. Shadow rays count in all rates.
     pub alone_ns: Option<f64>,
-    /// Nanoseconds of a dispatch thread for a ray whose finish the GPU computed.
+    /// Nanoseconds of a dispatch thread for a ray whose surface the GPU computed.
     pub staging_ns: Option<f64>,
     /// Part of `staging_ns` in which the dispatch thread computed instead of waiting.
     pub preparing_ns: Option<f64>,
-    /// Nanoseconds of a host thread for a ray whose finish the GPU had computed.
+    /// Nanoseconds of a host thread for a ray whose surface the GPU had computed.
     pub staged_ns: Option<f64>,
 }
 
@@ -349,12 +351,13 @@ impl ShadingStats {
 
 #[cfg(feature = "gpu")]
 impl ShadingStats {
-    /// Sums over patterns; `None` without any.
+    /// Sums over shaders; `None` without any.
     pub fn of(reports: &[crate::program::gpu::ShadingReport]) -> Option<Self> {
         let mut sum = Self::default();
         for report in reports {
             sum.eligible_batches += report.eligible;
             sum.gpu_batches += report.shaded;
+            sum.gpu_bsdf_batches += if report.is_bsdf { report.shaded } else { 0 };
             sum.hits += report.points;
             sum.undecided += report.undecided;
             sum.checked += report.checked;

@@ -64,7 +64,7 @@ pub struct PreparedScene {
     pub adapter: Option<String>,
     /// Why a requested GPU is not used. The CPU does its work.
     pub degraded: Option<String>,
-    /// Why patterns in WGSL are computed by the CPU that a GPU was to compute.
+    /// Why patterns and BSDFs in WGSL are computed by the CPU that a GPU was to compute.
     pub unshaded: Vec<String>,
     units: Units,
     device: Option<Device>,
@@ -312,7 +312,7 @@ impl PreparedScene {
         service.submit(renderer, self.tracers.clone(), options)
     }
 
-    /// What the GPU has computed of each pattern that it was given.
+    /// What the GPU has computed of each pattern and BSDF that it was given.
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     pub fn shading_reports(&self) -> Vec<crate::program::gpu::ShadingReport> {
         super::shading::reports(&self.scene)
@@ -340,14 +340,14 @@ impl fmt::Debug for PreparedScene {
     }
 }
 
-/// Gives patterns to the GPU; returns why some stay on the CPU.
+/// Gives shaders of surfaces to the GPU; returns why some stay on the CPU.
 #[cfg_attr(
     not(all(feature = "gpu", feature = "wgsl")),
     expect(unused_variables, reason = "only the GPU needs them")
 )]
 fn unshaded(units: &Units, scene: &Scene) -> Vec<String> {
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    return units.attach_patterns(scene);
+    return units.attach_shaders(scene);
     #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
     Vec::new()
 }

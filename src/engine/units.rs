@@ -81,13 +81,13 @@ impl UnitChoice {
         Self { cache: Some(folder.into()), ..self }
     }
 
-    /// Chooses the unit that computes patterns in WGSL; by default the CPU.
+    /// Chooses the unit that computes patterns and BSDFs in WGSL; by default the CPU.
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     pub fn with_shading(self, shading: Shading) -> Self {
         Self { shading, ..self }
     }
 
-    /// Whether a GPU is to compute patterns, and even a software adapter.
+    /// Whether a GPU is to compute shaders of surfaces, and even a software adapter.
     fn shades(&self) -> (bool, bool) {
         #[cfg(all(feature = "gpu", feature = "wgsl"))]
         return (self.shading != Shading::Cpu, self.shading == Shading::Gpu);
@@ -109,7 +109,7 @@ pub struct Units {
     simd: SimdLevel,
     unit: Unit,
     pub(super) gpu: Gpus,
-    /// Whether a GPU traces; it may be there for patterns alone.
+    /// Whether a GPU traces; it may be there for shading alone.
     traces: bool,
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     pub(super) shading: Shading,
@@ -251,7 +251,7 @@ impl Units {
         self.unit
     }
 
-    /// Which units compute patterns if there is a GPU.
+    /// Which units compute shaders of surfaces if there is a GPU.
     pub(super) fn shading_unit(&self) -> Unit {
         #[cfg(all(feature = "gpu", feature = "wgsl"))]
         return match self.shading {

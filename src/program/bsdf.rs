@@ -1,13 +1,19 @@
 //! BSDFs in WGSL.
 
 use super::code::Register;
+#[cfg(feature = "gpu")]
+use super::device::{Program, ShadingDevice};
 use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
 use super::parameter::Parameter;
 use super::source::ShaderError;
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
+#[cfg(feature = "gpu")]
+use crate::scene::DeviceSurface;
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
+#[cfg(feature = "gpu")]
+use std::sync::{Arc, OnceLock};
 
 const PREPARE: Signature = Signature {
     name: "prepare",
@@ -65,10 +71,13 @@ pub(super) const FUNCTIONS: [&str; 2] = [EVALUATE.name, SAMPLE.name];
 pub struct BsdfShader {
     file: String,
     hash: u64,
-    parameters: Vec<Parameter>,
+    loaded: Loaded,
     evaluate: Prepared,
     sample: Prepared,
     transmits: bool,
+    /// What computes its answers before hits are shaded.
+    #[cfg(feature = "gpu")]
+    device: OnceLock<Box<dyn ShadingDevice>>,
 }
 
 /// A function that takes the state of a point, lowered together with `prepare`, which computes that state: what does
@@ -124,15 +133,39 @@ impl BsdfShader {
             file: file.into(),
             hash: loaded.hash(),
             transmits: loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0),
-            parameters: loaded.parameters,
+            loaded,
             evaluate,
             sample,
+            #[cfg(feature = "gpu")]
+            device: OnceLock::new(),
         })
+    }
+
+    /// The file's name.
+    pub fn file(&self) -> &str {
+        &self.file
     }
 
     /// The parameters, in the order of the file.
     pub fn parameters(&self) -> &[Parameter] {
-        &self.parameters
+        &self.loaded.parameters
+    }
+
+    /// What a device computes: `prepare`, then `evaluate` and `sample` for what a shader will ask
+    /// ([`crate::scene::Asked`]).
+    ///
+    /// # Errors
+    /// When the functions together are too long.
+    #[cfg(feature = "gpu")]
+    pub(super) fn program(&self) -> Result<Program, ShaderError> {
+        let code = self.loaded.fork(&PREPARE, [&EVALUATE, &SAMPLE])?;
+        Ok(Program { file: self.file.clone(), code: Arc::new(code) })
+    }
+
+    /// Where a device is kept that computes it.
+    #[cfg(feature = "gpu")]
+    pub(super) fn device(&self) -> &OnceLock<Box<dyn ShadingDevice>> {
+        &self.device
     }
 
     /// Number of operations of `evaluate` and of `sample`, each with `prepare`; loops counted once.
@@ -189,5 +222,10 @@ impl Scattering for BsdfShader {
 
     fn transmits(&self) -> bool {
         self.transmits
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(&self) -> Option<&dyn DeviceSurface> {
+        self.device.get().map(|device| &**device as &dyn DeviceSurface)
     }
 }

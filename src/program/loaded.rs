@@ -1,6 +1,10 @@
 //! What all kinds of shaders have in common: a file, its parameters, and a hash.
 
+#[cfg(feature = "gpu")]
+use super::code::Code;
 use super::kernel::{Kernel, Signature};
+#[cfg(feature = "gpu")]
+use super::lower::lower_fork;
 use super::lower::{Input, Output, lower, lower_chain};
 use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
@@ -86,6 +90,18 @@ impl Loaded {
         let find = |signature: &Signature| signature.find(&self.source);
         let code = find(first).and_then(|first| lower_chain(self.input(), &[first, find(second)?]));
         Ok(Kernel::new(code.map_err(|fault| self.error(&fault))?))
+    }
+
+    /// Lowers a function and two that are called with its result and more arguments. They share the first of these.
+    ///
+    /// # Errors
+    /// When there is no such function, or one uses what shaders lack.
+    #[cfg(feature = "gpu")]
+    pub fn fork(&self, first: &Signature, [second, third]: [&Signature; 2]) -> Result<Code, ShaderError> {
+        let find = |signature: &Signature| signature.find(&self.source);
+        let code =
+            find(first).and_then(|first| lower_fork(self.input(), first, [find(second)?, find(third)?], 2));
+        code.map_err(|fault| self.error(&fault))
     }
 
     fn input(&self) -> Input<'_> {

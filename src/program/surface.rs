@@ -1,7 +1,7 @@
 //! Patterns: shaders that compute the finish of a surface.
 
 #[cfg(feature = "gpu")]
-use super::device::{Program, ShadingDevice, ShadingReport};
+use super::device::{Program, ShadingDevice};
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
@@ -147,16 +147,10 @@ impl PatternShader {
         self.kernel.code.instructions.len()
     }
 
-    /// Lets a device compute the pattern from now on, unless there is one already.
+    /// Where a device is kept that computes the pattern.
     #[cfg(feature = "gpu")]
-    pub(super) fn attach(&self, device: Box<dyn ShadingDevice>) {
-        let _ = self.device.set(device);
-    }
-
-    /// What the device has computed, if there is one.
-    #[cfg(feature = "gpu")]
-    pub(super) fn shading_report(&self) -> Option<ShadingReport> {
-        Some(self.device.get()?.report())
+    pub(super) fn device(&self) -> &OnceLock<Box<dyn ShadingDevice>> {
+        &self.device
     }
 
     /// The same pattern, computed for blocks of this many hits, a multiple of 16; `None` for as many as there are

@@ -5,7 +5,7 @@ use crate::film::Film;
 use crate::lanes::SimdLevel;
 use crate::scene::Camera;
 use crate::schedule::{Batch, Output, Renderer, SceneId};
-use crate::shade::{LitScene, LoopStack, stage};
+use crate::shade::{LitScene, LoopStack};
 use crate::stream::{DeviceError, DeviceReport, Ray};
 use bytemuck::Pod;
 use std::fmt;
@@ -121,12 +121,14 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
 
-    /// Whether the shader takes finishes that a device has computed from [`Batch::staged`]. Only shaders of this crate
-    /// can; they have the device compute them by [`HitShader::stage`].
+    /// [`Renderer::staged_words`]. Only shaders of this crate take what a device has computed from [`Batch::staged`];
+    /// they have the device compute it by [`HitShader::stage`].
     #[doc(hidden)]
-    const STAGES: bool = false;
+    fn staged_words(&self, _frame: &Frame) -> usize {
+        0
+    }
 
-    /// [`Renderer::stage`], for shaders with [`HitShader::STAGES`].
+    /// [`Renderer::stage`].
     #[doc(hidden)]
     fn stage(
         &self,
@@ -272,7 +274,7 @@ impl<S: HitShader> Renderer for HitShading<S> {
     }
 
     fn staged_words(&self) -> usize {
-        if S::STAGES { stage::staged_words(self.frame.scene()) } else { 0 }
+        self.shader.staged_words(&self.frame)
     }
 
     fn stage(&self, batch: Batch<'_, S::Payload>, words: &mut [u32]) -> Result<DeviceReport, DeviceError> {

@@ -24,6 +24,7 @@ mod part;
 mod partial_film;
 mod pass;
 mod patch;
+mod path_hits;
 mod path_state;
 mod path_tracer;
 mod picture_version;

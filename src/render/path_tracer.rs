@@ -2,17 +2,18 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::path_hits::PathHits;
 use super::path_state::{DEPTH, DEPTH_BITS, PathState};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{Camera, StagedFinish};
+use crate::scene::{Camera, Staged};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::light::Receiver;
-use crate::shade::stage::{HitSource, Stage, StagedRows};
+use crate::shade::stage::{self, Stage, StagedRows};
 use crate::shade::{
-    Bsdf, Cone, Hits, Interaction, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
+    Bsdf, Cone, Interaction, LightSample, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
 };
 use crate::stream::{DeviceError, DeviceReport, Ray};
 
@@ -82,7 +83,7 @@ impl PathShader {
 
 /// Sampler dimensions that each depth uses, from [`Dimension::at`] on.
 #[derive(Clone, Copy)]
-enum Dimension {
+pub(super) enum Dimension {
     Light = 0,
     LightPoint = 1,
     Lobe = 2,
@@ -94,7 +95,7 @@ impl Dimension {
     const COUNT: u32 = 5;
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn at<L: Lanes>(self, depth: Int<L>) -> Int<L> {
+    pub fn at<L: Lanes>(self, depth: Int<L>) -> Int<L> {
         depth * Self::COUNT + (CAMERA_DIMENSION + 1 + self as u32)
     }
 }
@@ -127,13 +128,13 @@ fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
 
 /// [`PathState`] in lanes.
 #[derive(Clone, Copy)]
-struct States<L: Lanes> {
+pub(super) struct States<L: Lanes> {
     throughput: Vector<L>,
     index2: Num<L>,
-    cone: Cone<L>,
-    pixel: Int<L>,
-    sample: Int<L>,
-    depth: Int<L>,
+    pub cone: Cone<L>,
+    pub pixel: Int<L>,
+    pub sample: Int<L>,
+    pub depth: Int<L>,
     /// [`ONE_CHANNEL`] or 0.
     one_channel: Int<L>,
     facing: Int<L>,
@@ -142,7 +143,7 @@ struct States<L: Lanes> {
 
 impl<L: Lanes> States<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn of(payloads: &[PathState], ids: Int<L>) -> Self {
+    pub fn of(payloads: &[PathState], ids: Int<L>) -> Self {
         let [r, g, b, packed, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
         Self {
             throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
@@ -173,6 +174,39 @@ impl<L: Lanes> States<L> {
         let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
         Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
     }
+}
+
+/// What receives light at hits. `is_frosted` tells whether light from below counts.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub(super) fn receiver<L: Lanes>(
+    frame: &Frame,
+    at: &Interaction<L>,
+    is_frosted: impl Fn() -> bool,
+) -> Receiver<L> {
+    let mut receiver = Receiver::position_of(at);
+    if frame.lights().are_many() {
+        receiver = Receiver::of(at);
+        if is_frosted() {
+            receiver = receiver.two_sided();
+        }
+    }
+    receiver
+}
+
+/// The light that is sampled at hits.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub(super) fn light_sample<L: Lanes>(
+    frame: &Frame,
+    receiver: &Receiver<L>,
+    sampler: &Sampler<L>,
+    depth: Int<L>,
+) -> LightSample<L> {
+    let mut u = None;
+    if frame.lights().are_many() {
+        u = Some(sampler.one(Dimension::Light.at(depth)));
+    }
+    let u2 = sampler.two(Dimension::LightPoint.at(depth));
+    frame.lights().sample(frame.scene(), receiver, u, u2)
 }
 
 /// Hits on a material, numbered in the scene.
@@ -217,8 +251,9 @@ impl LaneTask for Shading<'_, '_> {
                 by_channel = ByChannel::sorted(material, run.rays, self.batch.payloads, seed);
             }
             for part in 0..if by_channel.is_none() { 1 } else { ByChannel::PARTS } {
-                let mut stage =
-                    run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize], rows));
+                let mut stage = run.material.and_then(|number| {
+                    Stage::of::<PathHits<'_>>(scene, &scene.materials[number as usize], rows)
+                });
                 let (of_part, dispersed) = match &by_channel {
                     None => (run.rays, None),
                     Some(sorted) => sorted.part(part),
@@ -231,7 +266,8 @@ impl LaneTask for Shading<'_, '_> {
                         Some(material) => {
                             let next = (i + 1) * L::LANES;
                             prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
-                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &self.batch);
+                            let source = PathHits { frame: self.frame, batch: &self.batch };
+                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &source);
                             self.hit(material, dispersed, staged, ids, lanes);
                         }
                     }
@@ -269,7 +305,7 @@ impl Shading<'_, '_> {
         &mut self,
         number: u32,
         dispersed: Option<&OneChannel>,
-        staged: Option<StagedFinish<'_>>,
+        staged: Option<Staged<'_>>,
         ids: Int<L>,
         lanes: Mask<L>,
     ) {
@@ -319,15 +355,10 @@ impl Shading<'_, '_> {
             None => &material.surface,
             Some(one) => &one.surface,
         };
-        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
+        let mut bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
+        bsdf.set_staged(staged);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
-        let mut receiver = Receiver::position_of(&at);
-        if frame.lights().are_many() {
-            receiver = Receiver::of(&at);
-            if bsdf.is_frosted() {
-                receiver = receiver.two_sided();
-            }
-        }
+        let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&place, &receiver, &state, &sampler, lanes);
@@ -370,12 +401,7 @@ impl Shading<'_, '_> {
     ) {
         let Place { number, at, bsdf, .. } = *place;
         let frame = self.frame;
-        let mut u = None;
-        if frame.lights().are_many() {
-            u = Some(sampler.one(Dimension::Light.at(state.depth)));
-        }
-        let u2 = sampler.two(Dimension::LightPoint.at(state.depth));
-        let light = frame.lights().sample(frame.scene(), receiver, u, u2);
+        let light = light_sample(frame, receiver, sampler, state.depth);
         let wi = at.basis.local(light.wi);
         let mut reached = light.wi.dot(at.normal).above(0.0);
         if bsdf.is_frosted() {
@@ -481,15 +507,6 @@ impl Shading<'_, '_> {
     }
 }
 
-impl HitSource for Batch<'_, PathState> {
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
-        let hits = hits_of(self, ids);
-        let cone = States::of(self.payloads, ids).cone.at(hits.t);
-        (rays_of(self, ids).1, hits, cone.width)
-    }
-}
-
 impl HitShader for PathShader {
     type Payload = PathState;
     type ShadowPayload = Contribution;
@@ -516,7 +533,9 @@ impl HitShader for PathShader {
         move |pixel, sample| PathState { pixel, sample, ..first }
     }
 
-    const STAGES: bool = true;
+    fn staged_words(&self, frame: &Frame) -> usize {
+        stage::staged_words::<PathHits<'_>>(frame.scene())
+    }
 
     fn stage(
         &self,
@@ -524,7 +543,7 @@ impl HitShader for PathShader {
         batch: &Batch<'_, PathState>,
         words: &mut [u32],
     ) -> Result<DeviceReport, DeviceError> {
-        frame.stage(batch.hits, batch, words)
+        frame.stage(batch.hits, &PathHits { frame, batch }, words)
     }
 
     fn shade(

@@ -5,10 +5,10 @@ use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{Camera, StagedFinish};
+use crate::scene::{Camera, Staged};
 use crate::schedule::{Batch, Output};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::stage::{HitSource, Stage, StagedRows};
+use crate::shade::stage::{self, HitSource, Stage, StagedRows};
 use crate::shade::{ArenaUse, Cone, Hits, LitScene, sort};
 use crate::stream::{DeviceError, DeviceReport, Ray};
 use bytemuck::{Pod, Zeroable};
@@ -131,8 +131,9 @@ impl LaneTask for Shading<'_, '_> {
         let scene = self.frame.scene();
         let rows = StagedRows::new(self.batch.staged, self.batch.rays.len());
         for run in sort(l, self.batch.hits, scene).runs() {
-            let mut stage =
-                run.material.and_then(|number| Stage::of(scene, &scene.materials[number as usize], rows));
+            let mut stage = run.material.and_then(|number| {
+                Stage::of::<Batch<'_, WhittedState>>(scene, &scene.materials[number as usize], rows)
+            });
             for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
@@ -169,7 +170,7 @@ impl Shading<'_, '_> {
     fn hit<L: Lanes>(
         &mut self,
         number: u32,
-        staged: Option<StagedFinish<'_>>,
+        staged: Option<Staged<'_>>,
         ids: Int<L>,
         lanes: Mask<L>,
     ) -> Mask<L> {
@@ -292,7 +293,9 @@ impl HitShader for WhittedShader {
         move |pixel, sample| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head }
     }
 
-    const STAGES: bool = true;
+    fn staged_words(&self, frame: &Frame) -> usize {
+        stage::staged_words::<Batch<'_, WhittedState>>(frame.scene())
+    }
 
     fn stage(
         &self,

@@ -4,7 +4,7 @@ use super::NewRays;
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
-use crate::scene::{Material, StagedFinish};
+use crate::scene::{Material, Staged};
 use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
@@ -61,7 +61,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         direction: Vector<L>,
         hits: &Hits<L>,
         cone: Cone<L>,
-        staged: Option<StagedFinish<'_>>,
+        staged: Option<Staged<'_>>,
     ) -> Self {
         let scene = frame.scene();
         let width = cone.at(hits.t).width;

@@ -1,6 +1,6 @@
 //! Surfaces that are computed for blocks of many hits at once, before the hits are shaded.
 
-use super::{FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
+use super::{ANSWERS, ASKED, Asked, FINISH_FIELDS, POINT_FIELDS, PointSink, SurfaceField};
 use crate::lanes::{Lanes, MAX_LANES};
 use std::any::Any;
 use std::fmt::Debug;
@@ -25,10 +25,13 @@ pub trait BlockSurface: Debug + Send + Sync {
     }
 }
 
-/// A surface whose finishes a device computes before its hits are shaded, with the bits of [`BlockSurface::compute`].
+/// A surface whose results a device computes before its hits are shaded, with the bits of the host's. The results of a
+/// [`BlockSurface`] are finishes, those of a [`super::Scattering`] its answers ([`super::Staged`]).
 pub trait DeviceSurface: Debug + Send + Sync {
-    /// The scalars of finishes that differ from point to point. Those that the device has computed are kept with the
-    /// hits.
+    /// The fields of points that it reads: bit `i` is field `i` of [`POINT_FIELDS`].
+    fn wanted(&self) -> u64;
+
+    /// The scalars of results that differ from point to point. They are kept with the hits.
     fn varying(&self) -> &[u32];
 
     /// Whether the device has not failed yet.
@@ -48,11 +51,11 @@ pub trait DeviceSurface: Debug + Send + Sync {
     /// Writes the scalars that do not vary.
     fn fill_others(&self, points: usize, to: &mut BlockColumns);
 
-    /// Counts a block of hits that is shaded: with finishes from the device, or not.
+    /// Counts a block of hits that is shaded: with results from the device, or not.
     fn count(&self, from_device: bool);
 }
 
-/// What it cost to have finishes computed by a device.
+/// What it cost to have results computed by a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceCost {
     /// Bytes copied between host and device, both ways.
@@ -71,26 +74,41 @@ impl std::ops::AddAssign for DeviceCost {
     }
 }
 
-/// The scalars of a block of points or finishes, one column each. Truth values are 1 and 0.
+/// The scalars of a block of points or results, one column each. Truth values are 1 and 0.
 #[derive(Clone, Debug, Default)]
 pub struct BlockColumns {
     numbers: Vec<f32>,
     block: usize,
 }
 
+/// Scalars of all fields.
+const fn scalars(fields: &[SurfaceField]) -> usize {
+    let (mut scalars, mut field) = (0, 0);
+    while field < fields.len() {
+        scalars += fields[field].kind.numbers();
+        field += 1;
+    }
+    scalars
+}
+
+/// Scalars of finishes.
+const FINISH: usize = scalars(FINISH_FIELDS);
+
 impl BlockColumns {
-    /// Makes room for points.
+    /// Scalars of points; those of what is asked there come behind them.
+    pub const POINT: usize = scalars(POINT_FIELDS);
+
+    /// Makes room for points, and behind them for what a BSDF is asked there ([`Asked`]).
     pub fn for_points(&mut self, block: usize) {
-        self.resize(POINT_FIELDS, block);
+        self.resize(Self::POINT + ASKED, block);
     }
 
-    /// Makes room for finishes.
-    pub fn for_finishes(&mut self, block: usize) {
-        self.resize(FINISH_FIELDS, block);
+    /// Makes room for results: finishes or answers.
+    pub fn for_results(&mut self, block: usize) {
+        self.resize(if FINISH > ANSWERS { FINISH } else { ANSWERS }, block);
     }
 
-    fn resize(&mut self, fields: &[SurfaceField], block: usize) {
-        let scalars: usize = fields.iter().map(|field| field.kind.numbers()).sum();
+    fn resize(&mut self, scalars: usize, block: usize) {
         self.numbers.resize(scalars * block, 0.0);
         self.block = block;
     }
@@ -105,6 +123,14 @@ impl BlockColumns {
     #[inline(always)]
     pub fn column_mut(&mut self, scalar: usize) -> &mut [f32] {
         &mut self.numbers[scalar * self.block..][..self.block]
+    }
+
+    /// Writes what a BSDF is asked at points from index `at` on.
+    #[inline(always)]
+    pub fn set_asked<L: Lanes>(&mut self, at: usize, asked: &Asked<L>) {
+        for (scalar, number) in asked.scalars().into_iter().enumerate() {
+            number.store(&mut self.column_mut(Self::POINT + scalar)[at..]);
+        }
     }
 
     /// Takes points from index `at` on, as many as there are lanes.
@@ -124,38 +150,5 @@ impl PointSink for Sink<'_> {
     #[inline(always)]
     fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]) {
         self.columns.column_mut(scalar)[self.at..][..self.lanes].copy_from_slice(&column[..self.lanes]);
-    }
-}
-
-/// Finishes of a block, from one point on.
-#[derive(Clone, Copy, Debug)]
-pub struct StagedFinish<'a> {
-    /// The block.
-    pub columns: &'a BlockColumns,
-    /// The first point.
-    pub at: usize,
-}
-
-impl StagedFinish<'_> {
-    /// The finishes, one in each lane.
-    #[inline(always)]
-    pub fn finish<L: Lanes>(&self, l: L) -> Finish<L> {
-        Finish::read_from(l, &From { staged: self, lanes: L::LANES })
-    }
-}
-
-struct From<'a> {
-    staged: &'a StagedFinish<'a>,
-    lanes: usize,
-}
-
-impl FinishSource for From<'_> {
-    #[inline(always)]
-    fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]) {
-        let StagedFinish { columns, at } = self.staged;
-        let staged = &columns.column(scalar)[*at..][..self.lanes];
-        for (lane, number) in column[..self.lanes].iter_mut().enumerate() {
-            *number = staged[lane];
-        }
     }
 }

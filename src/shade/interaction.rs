@@ -6,7 +6,7 @@ use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, StagedFinish,
+    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, Staged,
     Surface, TexturePoint, TextureRef,
 };
 use crate::stream::Hit;
@@ -76,7 +76,7 @@ impl<L: Lanes> Interaction<L> {
     ///
     /// It changes the interactions where they are: moved, they would take a finish along, also where there is none.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn set_finish(&mut self, scene: &Scene, material: &Material, staged: Option<StagedFinish<'_>>) {
+    pub fn set_finish(&mut self, scene: &Scene, material: &Material, staged: Option<Staged<'_>>) {
         let Surface::Procedural(index) = material.surface else { return };
         let surface = &scene.procedurals[index as usize];
         let l = self.wo.lanes();

@@ -15,7 +15,7 @@ pub enum TracerChoice {
     Hybrid,
 }
 
-/// Which unit computes patterns in WGSL.
+/// Which unit computes patterns and BSDFs in WGSL.
 #[cfg(feature = "gpu")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ShadeChoice {
@@ -58,7 +58,7 @@ pub struct UnitArgs {
     /// used only when it is named or `--tracer` asks for the GPU and there is no other.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
-    /// Which unit computes patterns in WGSL (`--surface`). The picture is the same.
+    /// Which unit computes patterns and BSDFs in WGSL (`--surface`). The picture is the same.
     #[cfg(feature = "gpu")]
     #[arg(long, value_enum, value_name = "UNIT", default_value_t = ShadeChoice::Cpu)]
     pub shade: ShadeChoice,
@@ -69,7 +69,7 @@ pub struct UnitArgs {
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
     /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom. The
-    /// same with patterns: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or shade-inexact. The
+    /// same with shaders: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or shade-inexact. The
     /// result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]

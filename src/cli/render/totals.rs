@@ -67,7 +67,7 @@ impl Totals {
         }
     }
 
-    /// Adds what a GPU has computed of patterns, and why some are back on the CPU.
+    /// Adds what a GPU has computed of shaders, and why some are back on the CPU.
     pub fn add_shading(&mut self, setup: &Setup) {
         let (shading, unshaded) = setup.shading();
         self.units.shading = shading.map(|stats| stats.with_rates(self.units.shading_rates));

@@ -1,4 +1,4 @@
-//! What a device computes of a pattern: the finishes of many hits.
+//! What a device computes of a shader: its results at many hits.
 
 use crate::program::code::Code;
 use crate::scene::{BlockColumns, DeviceSurface, FieldType, POINT_FIELDS};
@@ -18,13 +18,15 @@ pub(crate) trait ShadingDevice: DeviceSurface {
     fn report(&self) -> ShadingReport;
 }
 
-/// What a device has computed of a pattern.
+/// What a device has computed of a shader.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShadingReport {
-    /// Blocks of hits that have been shaded and whose finishes the device could have computed.
+    /// Whether the shader is a BSDF, not a pattern.
+    pub is_bsdf: bool,
+    /// Blocks of hits that have been shaded and whose results the device could have computed.
     pub eligible: u64,
-    /// Those whose finishes it had computed.
+    /// Those whose results it had computed.
     pub shaded: u64,
     /// Hits that it has computed.
     pub points: u64,
@@ -32,30 +34,42 @@ pub struct ShadingReport {
     pub undecided: u64,
     /// Hits that the host computed again, to detect a faulty device.
     pub checked: u64,
-    /// Why the pattern is back on the host, if it is.
+    /// Why the shader is back on the host, if it is.
     pub refused: Option<String>,
 }
 
-/// A scalar of the finish that no instruction computes.
+/// A scalar of the result that no instruction computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Given {
     /// The same word at all points.
     Word(u32),
-    /// A scalar of the point.
+    /// A scalar of the point, or of what is asked there.
     Input(u32),
 }
 
-/// The words of points' scalars, a column each. Truth values are all bits or none.
+/// The words of scalars of points and of what is asked there, a column each. Truth values are all bits or none.
 pub(crate) fn words(scalars: &[u32], points: usize, from: &BlockColumns) -> Vec<u32> {
     let kinds: Vec<FieldType> =
         POINT_FIELDS.iter().flat_map(|field| std::iter::repeat_n(field.kind, field.kind.numbers())).collect();
     let mut words = Vec::with_capacity(scalars.len() * points);
     for &scalar in scalars {
         let column = &from.column(scalar as usize)[..points];
-        match kinds[scalar as usize] {
-            FieldType::Bool => words.extend(column.iter().map(|&x| 0u32.wrapping_sub(u32::from(x > 0.0)))),
+        match kinds.get(scalar as usize) {
+            Some(FieldType::Bool) => {
+                words.extend(column.iter().map(|&x| 0u32.wrapping_sub(u32::from(x > 0.0))))
+            }
             _ => words.extend(column.iter().map(|x| x.to_bits())),
         }
     }
     words
+}
+
+/// The fields of points that have some of these scalars: bit `i` is field `i` of [`POINT_FIELDS`].
+pub(crate) fn fields(scalars: impl IntoIterator<Item = u32>) -> u64 {
+    let of_scalars: Vec<usize> = (0..)
+        .zip(POINT_FIELDS)
+        .flat_map(|(field, row)| std::iter::repeat_n(field, row.kind.numbers()))
+        .collect();
+    let fields = scalars.into_iter().filter_map(|scalar| of_scalars.get(scalar as usize));
+    fields.fold(0, |wanted, field| wanted | 1 << field)
 }

@@ -1,4 +1,4 @@
-//! Writes a pattern's instructions as a kernel in WGSL.
+//! Writes a program's instructions as a kernel in WGSL.
 //!
 //! Registers are variables of the kernel, one word each. A skip is an `if` and a repetition a `loop`: the lowerer nests
 //! them. Functions that the host computes with kernels in lanes are lowered from the prelude's text.
@@ -22,24 +22,24 @@ const MOST_INSTRUCTIONS: usize = 1 << 14;
 
 const OPERATIONS: &str = include_str!("../../../shaders/operations.wgsl");
 
-/// A pattern's kernel. Its entry points are `pattern` and `probe`. Both read columns of words, one after the other, and
+/// A shader's kernel. Its entry points are `shade` and `probe`. Both read columns of words, one after the other, and
 /// write such columns; the last one is not 0 at points that the host has to compute.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
     /// WGSL.
     pub source: String,
-    /// The scalars of points that it reads, a column each.
+    /// The scalars of points, and of what is asked there, that it reads, a column each.
     pub inputs: Vec<u32>,
-    /// The scalars of the finish that it computes, a column each. The others are inputs or the same everywhere.
+    /// The scalars of the result that it computes, a column each. The others are inputs or the same everywhere.
     pub outputs: Vec<u32>,
-    /// The other scalars of the finish.
+    /// The other scalars of the result.
     pub given: Vec<(u32, Given)>,
     /// What the entry point `probe` computes of three columns, by number of the case.
     pub probes: Vec<Probe>,
 }
 
 impl Kernel {
-    /// The kernel of a pattern. With `flushes` points that come near subnormal numbers count as undecided.
+    /// The kernel of a program. With `flushes` points that come near subnormal numbers count as undecided.
     ///
     /// # Errors
     /// When the program is too long for devices.
@@ -59,21 +59,21 @@ impl Kernel {
         for (native, code) in &natives {
             source += &native_function(*native, code);
         }
-        source += &pattern_entry(code, &inputs, &outputs);
+        source += &shade_entry(code, &inputs, &outputs);
         source += &probe_entry(&probes);
         let given = given(code, &outputs);
         Ok(Self { source, inputs, outputs, given, probes })
     }
 }
 
-/// The scalars of points that a program reads, ascending.
+/// The scalars of points, and of what is asked there, that a program reads, ascending.
 pub(super) fn inputs(code: &Code) -> Vec<u32> {
     let mut inputs: Vec<u32> = code.inputs.iter().map(|&(scalar, _)| scalar).collect();
     inputs.sort_unstable();
     inputs
 }
 
-/// The scalars of the finish that a program computes.
+/// The scalars of the result that a program computes.
 pub(super) fn outputs(code: &Code) -> Vec<u32> {
     let written: HashSet<Register> = code
         .instructions
@@ -93,7 +93,7 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
         .collect()
 }
 
-/// The scalars of the finish that a program does not compute.
+/// The scalars of the result that a program does not compute.
 fn given(code: &Code, computed: &[u32]) -> Vec<(u32, Given)> {
     let given = |register: &Register| {
         let word = code.constants.iter().find(|(constant, _)| constant == register);
@@ -142,7 +142,7 @@ fn native_function(native: Native, code: &Code) -> String {
     format!("\nfn native_{name}({}) -> u32 {{\n{body}}}\n", arguments.join(", "))
 }
 
-fn pattern_entry(code: &Code, inputs: &[u32], outputs: &[u32]) -> String {
+fn shade_entry(code: &Code, inputs: &[u32], outputs: &[u32]) -> String {
     let mut writer = Writer::new(code);
     for (column, scalar) in inputs.iter().enumerate() {
         for (_, register) in code.inputs.iter().filter(|(input, _)| input == scalar) {
@@ -155,7 +155,7 @@ fn pattern_entry(code: &Code, inputs: &[u32], outputs: &[u32]) -> String {
         writer.line(&format!("results[{column}u * points + point] = {result};"));
     }
     writer.line(&format!("results[{}u * points + point] = is_undecided();", outputs.len()));
-    entry("pattern", &writer.body())
+    entry("shade", &writer.body())
 }
 
 fn probe_entry(probes: &[Probe]) -> String {
@@ -175,7 +175,7 @@ fn entry(name: &str, body: &str) -> String {
 @group(0) @binding(1) var<storage, read_write> results: array<u32>;
 @group(0) @binding(2) var<uniform> params: vec4u;
 ";
-    let bindings = if name == "pattern" { bindings } else { "" };
+    let bindings = if name == "shade" { bindings } else { "" };
     format!(
         "{bindings}
 @compute @workgroup_size({WORKGROUP})
@@ -297,7 +297,7 @@ impl<'c> Writer<'c> {
                 self.line("}");
             }
             Instruction::Skip { .. } => {}
-            Instruction::Host { function, .. } => unreachable!("`{}` in a pattern", function.name()),
+            Instruction::Host { function, .. } => unreachable!("`{}` in a surface", function.name()),
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Patterns as kernels for devices: a program's operations as WGSL, as SPIR-V that no driver may reorder, and the cases
-//! that show whether a device computes them as the host does. Nothing here uses a device.
+//! Patterns and BSDFs as kernels for devices: a program's operations as WGSL, as SPIR-V that no driver may reorder, and
+//! the cases that show whether a device computes them as the host does. Nothing here uses a device.
 //!
 //! ```text
 //! code ─kernel→ WGSL of integers, sums and products ─spirv→ SPIR-V without contraction
@@ -19,7 +19,7 @@ mod spirv;
 pub(super) mod tests;
 
 pub use block::ShadingReport;
-pub(crate) use block::{Given, Program, ShadingDevice, words};
+pub(crate) use block::{Given, Program, ShadingDevice, fields, words};
 pub(crate) use kernel::{Kernel, WORKGROUP};
 pub(crate) use probe::{cases, sample_points};
 pub(crate) use spirv::{FloatControls, spirv};

@@ -142,19 +142,42 @@ pub(crate) fn cases() -> Vec<[u32; 3]> {
     (0..CASES).map(triple).collect()
 }
 
-/// Columns of a pattern's inputs at `points` random points, those of different `seed`s differ.
+/// Columns of a program's inputs at `points` random points, those of different `seed`s differ.
 pub(crate) fn sample_points(program: &Program, inputs: &[u32], points: usize, seed: u32) -> Vec<u32> {
     let kinds: Vec<FieldType> =
         POINT_FIELDS.iter().flat_map(|field| std::iter::repeat_n(field.kind, field.kind.numbers())).collect();
     let seed = mix(seed ^ program.code.registers);
+    let random = |scalar: u32, point: usize| {
+        mix(mix(point as u32 ^ seed).wrapping_add(0x85eb_ca6bu32.wrapping_mul(scalar)))
+    };
     let word = |column: usize, point: usize| {
-        let random = mix(mix(point as u32 ^ seed).wrapping_add(0x85eb_ca6bu32.wrapping_mul(column as u32)));
-        match kinds[inputs[column] as usize] {
-            FieldType::Bool => 0u32.wrapping_sub(random & 1),
-            FieldType::U32 => random >> (random & 31),
+        let (scalar, bits) = (inputs[column], random(column as u32, point));
+        match kinds.get(scalar as usize) {
+            Some(FieldType::Bool) => 0u32.wrapping_sub(bits & 1),
+            Some(FieldType::U32) => bits >> (bits & 31),
             // From 2^-12 to 2^8, of either sign.
-            _ => number(mix(random), 115, 20),
+            Some(_) => number(mix(bits), 115, 20),
+            None => {
+                let unit =
+                    |i: usize| (random((kinds.len() + i) as u32, point) >> 8) as f32 / (1 << 24) as f32;
+                asked(scalar as usize - kinds.len(), unit).to_bits()
+            }
         }
     };
     (0..inputs.len()).flat_map(|column| (0..points).map(move |point| word(column, point))).collect()
+}
+
+/// A scalar of [`crate::scene::Asked`], made of random numbers in [0, 1): directions of about unit length, `wo` above
+/// the surface.
+fn asked(scalar: usize, unit: impl Fn(usize) -> f32) -> f32 {
+    let around = |i: usize| 2.0 * unit(i) - 1.0;
+    match scalar {
+        0..6 => {
+            let first = scalar - scalar % 3;
+            let length = [0, 1, 2].map(|i| around(first + i) * around(first + i)).iter().sum::<f32>().sqrt();
+            let component = around(scalar) / length.max(1e-3);
+            if scalar == 2 { component.abs() } else { component }
+        }
+        _ => unit(scalar),
+    }
 }

@@ -1,7 +1,7 @@
 //! Kernels are valid and exact by their form, for every example and for control flow of all kinds.
 
-use super::{FloatControls, Kernel, spirv};
-use crate::program::PatternShader;
+use super::{FloatControls, Kernel, Program, spirv};
+use crate::program::{BsdfShader, PatternShader};
 
 /// Branches, loops, returns from within and arrays.
 pub(crate) const FLOW: &str = "
@@ -46,13 +46,52 @@ pub(crate) fn examples() -> Vec<(&'static str, PatternShader)> {
     ]
 }
 
+/// The BSDFs under `scenes/shaders`, and one with a loop and a way through.
+pub(crate) fn bsdfs() -> Vec<(&'static str, BsdfShader)> {
+    let load =
+        |name, text| (name, BsdfShader::load(name, text, []).unwrap_or_else(|error| panic!("{error}")));
+    vec![
+        load("velvet.wgsl", include_str!("../../../scenes/shaders/velvet.wgsl")),
+        load("dust.wgsl", include_str!("../../../scenes/shaders/dust.wgsl")),
+        load("paper.wgsl", PAPER),
+    ]
+}
+
+/// What devices compute of the examples.
+pub(crate) fn programs() -> Vec<(&'static str, Program)> {
+    let patterns = examples().into_iter().map(|(name, shader)| (name, shader.program()));
+    let program = |shader: BsdfShader| shader.program().unwrap_or_else(|error| panic!("{error}"));
+    patterns.chain(bsdfs().into_iter().map(|(name, shader)| (name, program(shader)))).collect()
+}
+
+/// Paper of uneven layers that let some light through.
+const PAPER: &str = "
+    const transmits = true;
+    struct State { share: f32 }
+    fn prepare(at: Point) -> State {
+        var share = 1.0;
+        for (var i = 0u; i < u32(abs(at.position.x) * 3.0) % 9u; i++) {
+            share *= 0.7 + 0.3 * noise(at.position * f32(i + 1u));
+        }
+        return State(share);
+    }
+    fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe {
+        let pdf = abs(wi.z) * 0.15915494;
+        let through = select(1.0 - s.share, s.share, wi.z < 0.0);
+        return Lobe(vec3f(0.9, 0.85, 0.7) * through * pdf * 2.0, pdf);
+    }
+    fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
+        var wi = cosine_hemisphere(u2);
+        if (u < 0.5) { wi.z = -wi.z; }
+        return scattered(wi, evaluate(s, wo, wi));
+    }";
+
 #[test]
 fn kernels_have_no_operation_on_numbers_but_sums_differences_and_products() {
     let all = FloatControls { rounding: true, subnormals: true, special: true };
-    for (name, shader) in examples() {
+    for (name, program) in programs() {
         for flushes in [false, true] {
-            let kernel =
-                Kernel::new(&shader.program(), flushes).unwrap_or_else(|error| panic!("{name}: {error}"));
+            let kernel = Kernel::new(&program, flushes).unwrap_or_else(|error| panic!("{name}: {error}"));
             for controls in [FloatControls::default(), all] {
                 let words = spirv(&kernel.source, controls);
                 let words = words.unwrap_or_else(|error| panic!("{name}: {error}\n{}", kernel.source));

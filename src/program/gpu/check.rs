@@ -1,12 +1,12 @@
 //! Whether a device computes a kernel as the host does: each operation of the kernel alone, in the kernel's own module,
-//! since drivers decide kernel by kernel; then the whole pattern at points.
+//! since drivers decide kernel by kernel; then the whole shader at points.
 
 use super::dispatch::{Entry, Pipelines};
-use super::{GpuPatternError, SAMPLE};
+use super::{GpuProgramError, SAMPLE};
 use crate::program::device::{Kernel, Program, cases, sample_points};
 use crate::trace::gpu::Gpu;
 
-/// Points at which a pattern is compared before it is used.
+/// Points at which a shader is compared before it is used.
 const POINTS: usize = 10_000;
 
 /// One in this many cases must be decided.
@@ -16,7 +16,7 @@ const LEAST_DECIDED: usize = 8;
 ///
 /// # Errors
 /// With the first operation that differs, or when the device is lost.
-pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> Result<(), GpuPatternError> {
+pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> Result<(), GpuProgramError> {
     let cases = cases();
     let count = cases.len();
     let columns: Vec<u32> = (0..3).flat_map(|column| cases.iter().map(move |case| case[column])).collect();
@@ -33,18 +33,18 @@ pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> R
             decided += 1;
             if word != expected {
                 let operation = probe.name().to_owned();
-                return Err(GpuPatternError::Operation { operation, operands: *case, word, expected });
+                return Err(GpuProgramError::Operation { operation, operands: *case, word, expected });
             }
         }
         if decided * LEAST_DECIDED < count {
             let operation = probe.name().to_owned();
-            return Err(GpuPatternError::Undecided { operation });
+            return Err(GpuProgramError::Undecided { operation });
         }
     }
     Ok(())
 }
 
-/// Compares a pattern with the host's at random points.
+/// Compares a shader with the host's at random points.
 ///
 /// # Errors
 /// When a point differs, or the device is lost.
@@ -53,15 +53,15 @@ pub(super) fn points(
     pipelines: &Pipelines,
     kernel: &Kernel,
     program: &Program,
-) -> Result<(), GpuPatternError> {
+) -> Result<(), GpuProgramError> {
     let inputs = sample_points(program, &kernel.inputs, POINTS, 0);
     // A loop that does not end at some point is told when a picture needs that point.
     let Ok(expected) = program.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
     let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
-    pipelines.run(gpu, (Entry::Pattern, POINTS), &inputs, &mut results, None)?;
+    pipelines.run(gpu, (Entry::Shade, POINTS), &inputs, &mut results, None)?;
     match different(&results, &expected, POINTS) {
         0 => Ok(()),
-        wrong => Err(GpuPatternError::Points { wrong, checked: POINTS }),
+        wrong => Err(GpuProgramError::Points { wrong, checked: POINTS }),
     }
 }
 

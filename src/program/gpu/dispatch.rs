@@ -1,6 +1,6 @@
 //! A kernel's pipelines and buffers: sends columns of words, runs an entry point, reads columns back.
 
-use super::{GpuPatternError, passthrough};
+use super::{GpuProgramError, passthrough};
 use crate::program::device::WORKGROUP;
 use crate::trace::gpu::Gpu;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -17,8 +17,8 @@ const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 /// An entry point of a kernel.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Entry {
-    /// The pattern.
-    Pattern,
+    /// The shader.
+    Shade,
     /// The case of this number.
     Probe(u32),
 }
@@ -37,11 +37,11 @@ pub(super) enum Failure {
 /// A compiled kernel.
 #[derive(Debug)]
 pub(super) struct Pipelines {
-    pattern: wgpu::ComputePipeline,
+    shade: wgpu::ComputePipeline,
     probe: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     idle: Mutex<Vec<Buffers>>,
-    /// Whether the pattern has been computed before.
+    /// Whether the shader has been computed before.
     is_warm: AtomicBool,
 }
 
@@ -85,7 +85,7 @@ impl Pipelines {
             count: None,
         };
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("pattern"),
+            label: Some("shading"),
             entries: &[
                 buffer(0, wgpu::BufferBindingType::Storage { read_only: true }),
                 buffer(1, wgpu::BufferBindingType::Storage { read_only: false }),
@@ -93,7 +93,7 @@ impl Pipelines {
             ],
         });
         let whole = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("pattern"),
+            label: Some("shading"),
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         });
@@ -109,7 +109,7 @@ impl Pipelines {
             })
         };
         Self {
-            pattern: pipeline("pattern"),
+            shade: pipeline("shade"),
             probe: pipeline("probe"),
             idle: Mutex::default(),
             is_warm: AtomicBool::new(false),
@@ -128,22 +128,22 @@ impl Pipelines {
         inputs: &[u32],
         results: &mut [u32],
         failure: Option<Failure>,
-    ) -> Result<(), GpuPatternError> {
+    ) -> Result<(), GpuProgramError> {
         debug_assert!(points <= MOST_POINTS);
         if failure == Some(Failure::OutOfMemory) {
-            return Err(GpuPatternError::Memory("as requested".into()));
+            return Err(GpuProgramError::Memory("as requested".into()));
         }
         let sizes = (size_of_val(inputs) as u64, size_of_val(results) as u64);
         let buffers = match self.idle(sizes) {
             Some(buffers) => buffers,
             None => {
                 let made = gpu.attempt(|device, _| Buffers::new(device, sizes));
-                made.map_err(GpuPatternError::Lost)?.map_err(GpuPatternError::Memory)?
+                made.map_err(GpuProgramError::Lost)?.map_err(GpuProgramError::Memory)?
             }
         };
         let answered = gpu.guard(|device, queue| {
             let (pipeline, case) = match entry {
-                Entry::Pattern => (&self.pattern, 0),
+                Entry::Shade => (&self.shade, 0),
                 Entry::Probe(case) => (&self.probe, case),
             };
             queue.write_buffer(&buffers.inputs, 0, bytemuck::cast_slice(inputs));
@@ -171,7 +171,7 @@ impl Pipelines {
             });
             let is_first = matches!(entry, Entry::Probe(_)) || !self.is_warm.load(Relaxed);
             gpu.wait_for_shading(&submission, is_first)?;
-            self.is_warm.fetch_or(matches!(entry, Entry::Pattern), Relaxed);
+            self.is_warm.fetch_or(matches!(entry, Entry::Shade), Relaxed);
             let mapped = receiver.recv_timeout(CALLBACK_PATIENCE).map_err(|e| e.to_string())?;
             mapped.map_err(|e| e.to_string())?;
             let view = buffers.readback.get_mapped_range(..bytes).map_err(|e| e.to_string())?;
@@ -181,7 +181,7 @@ impl Pipelines {
             self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(buffers);
             Ok(())
         });
-        answered.map_err(GpuPatternError::Lost)
+        answered.map_err(GpuProgramError::Lost)
     }
 
     /// Idle buffers that are large enough for these bytes of inputs and results.
@@ -197,7 +197,7 @@ impl Pipelines {
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
         device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("pattern"),
+            label: Some("shading"),
             layout: &self.layout,
             entries: &entries,
         })

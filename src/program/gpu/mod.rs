@@ -1,9 +1,9 @@
-//! Patterns on a GPU, with the bits of the host's.
+//! Patterns and BSDFs on a GPU, with the bits of the host's.
 //!
-//! A pattern's kernel (`program::device`) is compiled when a scene is prepared. The device is not trusted: each
-//! operation of the kernel is compared with the host's in 10⁵ cases, the whole pattern at 10⁴ points, and later a
+//! A shader's kernel (`program::device`) is compiled when a scene is prepared. The device is not trusted: each
+//! operation of the kernel is compared with the host's in 10⁵ cases, the whole shader at 10⁴ points, and later a
 //! sample of every dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near
-//! them; the host computes those, and points with infinities or NaN. Any difference leaves the pattern to the host.
+//! them; the host computes those, and points with infinities or NaN. Any difference leaves the shader to the host.
 
 mod attached;
 mod check;
@@ -16,8 +16,8 @@ mod tests;
 pub use super::device::ShadingReport;
 pub use attached::{attach, shading_report};
 
-use super::PatternShader;
 use super::device::{FloatControls, Kernel, Program, spirv};
+use super::{BsdfShader, PatternShader};
 use crate::scene::DeviceCost;
 use crate::trace::gpu::{Fault, Gpu};
 use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
@@ -28,10 +28,10 @@ use std::time::Instant;
 /// One point in this many is computed again by the host, and at least as many of each dispatch.
 const SAMPLE: usize = 64;
 
-/// Why a pattern stays on the host.
+/// Why a shader stays on the host.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum GpuPatternError {
+pub enum GpuProgramError {
     /// Arithmetic can be fixed with Vulkan alone.
     #[error(
         "{adapter} is used through {backend}, which cannot forbid that arithmetic is reordered; Vulkan can"
@@ -66,7 +66,7 @@ pub enum GpuPatternError {
         /// The operation.
         operation: String,
     },
-    /// Each operation has the host's bits, the pattern has not.
+    /// Each operation has the host's bits, the shader has not.
     #[error("{wrong} of {checked} points differ, though each operation alone has the host's bits")]
     Points {
         /// Points that differ.
@@ -88,10 +88,10 @@ pub enum GpuPatternError {
     },
 }
 
-/// What a device has computed of a pattern.
+/// What a device has computed of a shader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct GpuPatternReport {
+pub struct GpuProgramReport {
     /// Points.
     pub points: u64,
     /// Points among them that the host computed, because the device could not decide.
@@ -100,40 +100,52 @@ pub struct GpuPatternReport {
     pub checked: u64,
 }
 
-/// A pattern compiled for a GPU and compared with the host.
+/// A pattern or a BSDF compiled for a GPU and compared with the host.
 #[derive(Debug)]
-pub struct GpuPattern {
+pub struct GpuProgram {
     gpu: Arc<Gpu>,
     program: Program,
     kernel: Kernel,
     pipelines: Pipelines,
     /// Whether points near subnormal numbers are left to the host.
     flushes: bool,
-    refused: OnceLock<GpuPatternError>,
+    refused: OnceLock<GpuProgramError>,
     points: AtomicU64,
     undecided: AtomicU64,
     checked: AtomicU64,
 }
 
-impl GpuPattern {
+impl GpuProgram {
     /// Compiles a pattern and compares it with the host.
     ///
     /// # Errors
     /// When the device cannot compute the pattern, or not with the host's bits.
-    pub fn new(gpu: &Arc<Gpu>, shader: &PatternShader) -> Result<Self, GpuPatternError> {
+    pub fn of_pattern(gpu: &Arc<Gpu>, shader: &PatternShader) -> Result<Self, GpuProgramError> {
+        Self::of(gpu, shader.program())
+    }
+
+    /// Compiles what a BSDF answers to what is asked ([`crate::scene::Asked`]), and compares it with the host.
+    ///
+    /// # Errors
+    /// When the device cannot compute the BSDF, or not with the host's bits.
+    pub fn of_bsdf(gpu: &Arc<Gpu>, shader: &BsdfShader) -> Result<Self, GpuProgramError> {
+        let program = shader.program().map_err(|error| GpuProgramError::Kernel(error.to_string()))?;
+        Self::of(gpu, program)
+    }
+
+    fn of(gpu: &Arc<Gpu>, program: Program) -> Result<Self, GpuProgramError> {
         if gpu.fault() == Some(Fault::ShadeRefused) {
-            return Err(GpuPatternError::Kernel("refused, as requested".into()));
+            return Err(GpuProgramError::Kernel("refused, as requested".into()));
         }
-        let program = shader.program();
         let make = |flushes: bool| {
-            let mut kernel = Kernel::new(&program, flushes).map_err(GpuPatternError::Kernel)?;
+            let mut kernel = Kernel::new(&program, flushes).map_err(GpuProgramError::Kernel)?;
             if gpu.fault() == Some(Fault::ShadeInexact) {
                 kernel = with_inexact_products(kernel);
             }
             Self::of_kernel(gpu, program.clone(), kernel, flushes)
         };
         match make(false) {
-            Err(GpuPatternError::Operation { .. } | GpuPatternError::Points { .. }) => make(true),
+            Err(GpuProgramError::Operation { .. } | GpuProgramError::Points { .. }) => make(true),
             made => made,
         }
     }
@@ -143,18 +155,18 @@ impl GpuPattern {
         program: Program,
         kernel: Kernel,
         flushes: bool,
-    ) -> Result<Self, GpuPatternError> {
+    ) -> Result<Self, GpuProgramError> {
         let info = gpu.info();
         let controls = gpu.guard(|device, _| {
             let has_passthrough = device.features().contains(wgpu::Features::PASSTHROUGH_SHADERS);
             Ok(if has_passthrough { passthrough::float_controls(device) } else { None })
         });
         let no_vulkan =
-            || GpuPatternError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
-        let controls: FloatControls = controls.map_err(GpuPatternError::Lost)?.ok_or_else(no_vulkan)?;
-        let words = spirv(&kernel.source, controls).map_err(GpuPatternError::Kernel)?;
+            || GpuProgramError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
+        let controls: FloatControls = controls.map_err(GpuProgramError::Lost)?.ok_or_else(no_vulkan)?;
+        let words = spirv(&kernel.source, controls).map_err(GpuProgramError::Kernel)?;
         let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
-        let pipelines = pipelines.map_err(GpuPatternError::Lost)?.map_err(GpuPatternError::Kernel)?;
+        let pipelines = pipelines.map_err(GpuProgramError::Lost)?.map_err(GpuProgramError::Kernel)?;
         check::operations(gpu, &pipelines, &kernel)?;
         check::points(gpu, &pipelines, &kernel, &program)?;
         Ok(Self {
@@ -175,24 +187,29 @@ impl GpuPattern {
         self.flushes
     }
 
-    /// The scalars of points that the pattern reads, in the order of the columns.
+    /// The scalars of points, and of what is asked there, that the shader reads, in the order of the columns.
     pub fn inputs(&self) -> &[u32] {
         &self.kernel.inputs
     }
 
-    /// The scalars of finishes that the pattern computes, in the order of the columns. The others are as given.
+    /// The scalars of results that the shader computes, in the order of the columns. The others are as given.
     pub fn outputs(&self) -> &[u32] {
         &self.kernel.outputs
     }
 
-    /// Why the pattern is back on the host, if it is.
-    pub fn refused(&self) -> Option<&GpuPatternError> {
+    /// Name of the shader's file.
+    pub fn file(&self) -> &str {
+        &self.program.file
+    }
+
+    /// Why the shader is back on the host, if it is.
+    pub fn refused(&self) -> Option<&GpuProgramError> {
         self.refused.get()
     }
 
     /// What the device has computed so far.
-    pub fn report(&self) -> GpuPatternReport {
-        GpuPatternReport {
+    pub fn report(&self) -> GpuProgramReport {
+        GpuProgramReport {
             points: self.points.load(Relaxed),
             undecided: self.undecided.load(Relaxed),
             checked: self.checked.load(Relaxed),
@@ -202,14 +219,14 @@ impl GpuPattern {
     /// Computes columns of results from columns of inputs, `points` words each.
     ///
     /// # Errors
-    /// When the device is lost or has answered wrongly; the pattern is then back on the host for good. When a loop of
+    /// When the device is lost or has answered wrongly; the shader is then back on the host for good. When a loop of
     /// the shader does not end.
-    pub fn evaluate(&self, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuPatternError> {
+    pub fn evaluate(&self, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuProgramError> {
         Ok(self.compute(points, inputs)?.0)
     }
 
-    /// [`GpuPattern::evaluate`], with what it cost.
-    fn compute(&self, points: usize, inputs: &[u32]) -> Result<(Vec<u32>, DeviceCost), GpuPatternError> {
+    /// [`GpuProgram::evaluate`], with what it cost.
+    fn compute(&self, points: usize, inputs: &[u32]) -> Result<(Vec<u32>, DeviceCost), GpuProgramError> {
         assert_eq!(inputs.len(), points * self.kernel.inputs.len(), "a word for each point and input");
         if let Some(error) = self.refused() {
             return Err(error.clone());
@@ -221,7 +238,7 @@ impl GpuPattern {
             let piece: Vec<u32> =
                 inputs.chunks(points).flat_map(|column| &column[start..end]).copied().collect();
             let results = self.piece(end - start, &piece, &mut cost).inspect_err(|error| {
-                if !matches!(error, GpuPatternError::Endless { .. }) {
+                if !matches!(error, GpuProgramError::Endless { .. }) {
                     let _ = self.refused.set(error.clone());
                 }
             })?;
@@ -238,7 +255,7 @@ impl GpuPattern {
         points: usize,
         inputs: &[u32],
         cost: &mut DeviceCost,
-    ) -> Result<Vec<u32>, GpuPatternError> {
+    ) -> Result<Vec<u32>, GpuProgramError> {
         let outputs = self.kernel.outputs.len() * points;
         let mut results = vec![0; outputs + points];
         let (number, fault) = self.gpu.next_shading();
@@ -248,7 +265,7 @@ impl GpuPattern {
             _ if self.gpu.fault() == Some(Fault::ShadeOutOfMemory) => Some(Failure::OutOfMemory),
             _ => None,
         };
-        let entry = (Entry::Pattern, points);
+        let entry = (Entry::Shade, points);
         let began = Instant::now();
         self.pipelines.run(&self.gpu, entry, inputs, &mut results, failure)?;
         cost.waiting_ns += began.elapsed().as_nanos() as u64;
@@ -262,7 +279,7 @@ impl GpuPattern {
             results.chunks(points).flat_map(|column| again.iter().map(|&point| column[point])).collect();
         let wrong = check::different(&picked, &expected, again.len());
         if wrong > 0 {
-            return Err(GpuPatternError::Points { wrong, checked: again.len() });
+            return Err(GpuProgramError::Points { wrong, checked: again.len() });
         }
         let undecided: Vec<usize> = (0..points).filter(|&point| results[outputs + point] != 0).collect();
         let decided = self.on_host(points, inputs, &undecided)?;
@@ -278,14 +295,14 @@ impl GpuPattern {
     }
 
     /// The host's results for some of the points.
-    fn on_host(&self, points: usize, inputs: &[u32], some: &[usize]) -> Result<Vec<u32>, GpuPatternError> {
+    fn on_host(&self, points: usize, inputs: &[u32], some: &[usize]) -> Result<Vec<u32>, GpuProgramError> {
         if some.is_empty() {
             return Ok(Vec::new());
         }
         let picked: Vec<u32> =
             inputs.chunks(points).flat_map(|column| some.iter().map(|&point| column[point])).collect();
         let results = self.program.evaluate(&self.kernel, some.len(), &picked);
-        results.map_err(|endless| GpuPatternError::Endless { line: endless.line })
+        results.map_err(|endless| GpuProgramError::Endless { line: endless.line })
     }
 }
 

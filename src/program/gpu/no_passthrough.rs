@@ -1,4 +1,4 @@
-//! Stands in for `passthrough.rs` on systems without Vulkan, where patterns stay on the CPU.
+//! Stands in for `passthrough.rs` on systems without Vulkan, where shaders stay on the CPU.
 
 use crate::program::device::FloatControls;
 

@@ -22,8 +22,8 @@ pub(super) fn module(device: &wgpu::Device, words: &[u32]) -> wgpu::ShaderModule
         workgroup_size: (WORKGROUP, 1, 1),
     };
     let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
-        label: Some("pattern"),
-        entry_points: Cow::Owned(vec![entry("pattern"), entry("probe")]),
+        label: Some("shading"),
+        entry_points: Cow::Owned(vec![entry("shade"), entry("probe")]),
         spirv: Some(Cow::Borrowed(words)),
         ..Default::default()
     };

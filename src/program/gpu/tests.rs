@@ -1,10 +1,10 @@
 //! Patterns on any adapter there is: these tests fail without one.
 
 use super::dispatch::{Entry, Pipelines};
-use super::{GpuPattern, GpuPatternError, check, passthrough};
+use super::{GpuProgram, GpuProgramError, check, passthrough};
 use crate::program::PatternShader;
-use crate::program::device::tests::examples;
-use crate::program::device::{Kernel, sample_points, spirv};
+use crate::program::device::tests::{bsdfs, programs};
+use crate::program::device::{Kernel, Program, sample_points, spirv};
 use crate::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::sync::Arc;
 
@@ -28,14 +28,15 @@ fn points() -> usize {
 #[test]
 fn examples_have_the_hosts_bits_at_every_point() {
     let gpu = Arc::new(open());
-    for (name, shader) in examples() {
-        let compiled = GpuPattern::new(&gpu, &shader).unwrap_or_else(|error| panic!("{name}: {error}"));
+    for (name, program) in programs() {
+        let compiled =
+            GpuProgram::of(&gpu, program.clone()).unwrap_or_else(|error| panic!("{name}: {error}"));
         let (mut done, mut seed) = (0, 1);
         while done < points() {
             let count = (points() - done).min(300_001);
-            let inputs = sample_points(&shader.program(), compiled.inputs(), count, seed);
+            let inputs = sample_points(&program, compiled.inputs(), count, seed);
             let results = compiled.evaluate(count, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
-            let expected = shader.program().evaluate(&compiled.kernel, count, &inputs).expect("loops end");
+            let expected = program.evaluate(&compiled.kernel, count, &inputs).expect("loops end");
             let different =
                 results.iter().zip(&expected).filter(|(result, expected)| result != expected).count();
             assert_eq!((different, results.len()), (0, expected.len()), "{name}");
@@ -52,13 +53,13 @@ fn examples_have_the_hosts_bits_at_every_point() {
 #[test]
 fn the_kernel_for_devices_that_flush_has_the_hosts_bits() {
     let gpu = Arc::new(open());
-    for (name, shader) in examples() {
-        let kernel = Kernel::new(&shader.program(), true).expect("a kernel");
-        let compiled = GpuPattern::of_kernel(&gpu, shader.program(), kernel, true)
-            .unwrap_or_else(|e| panic!("{name}: {e}"));
-        let inputs = sample_points(&shader.program(), compiled.inputs(), 5000, 9);
+    for (name, program) in programs() {
+        let kernel = Kernel::new(&program, true).expect("a kernel");
+        let compiled = GpuProgram::of_kernel(&gpu, program.clone(), kernel, true);
+        let compiled = compiled.unwrap_or_else(|e| panic!("{name}: {e}"));
+        let inputs = sample_points(&program, compiled.inputs(), 5000, 9);
         let results = compiled.evaluate(5000, &inputs).unwrap_or_else(|e| panic!("{name}: {e}"));
-        assert_eq!(Ok(results), shader.program().evaluate(&compiled.kernel, 5000, &inputs), "{name}");
+        assert_eq!(Ok(results), program.evaluate(&compiled.kernel, 5000, &inputs), "{name}");
     }
 }
 
@@ -83,10 +84,10 @@ fn a_device_that_flushes_is_found_and_gets_its_kernel() {
         Kernel { source, ..kernel }
     };
     let refusal =
-        GpuPattern::of_kernel(&gpu, shader.program(), flushing(false), false).expect_err("it flushes");
-    assert!(matches!(refusal, GpuPatternError::Operation { .. }), "{refusal}");
+        GpuProgram::of_kernel(&gpu, shader.program(), flushing(false), false).expect_err("it flushes");
+    assert!(matches!(refusal, GpuProgramError::Operation { .. }), "{refusal}");
     let compiled =
-        GpuPattern::of_kernel(&gpu, shader.program(), flushing(true), true).expect("the host helps");
+        GpuProgram::of_kernel(&gpu, shader.program(), flushing(true), true).expect("the host helps");
     let mut inputs = sample_points(&shader.program(), compiled.inputs(), 3000, 2);
     // Every third number is tiny.
     inputs.iter_mut().step_by(3).for_each(|word| *word = *word & 0x80ff_ffff | 1);
@@ -119,7 +120,7 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
         assert!(kernel.source.contains(exact), "{exact}");
         let kernel = Kernel { source: kernel.source.replace(exact, lie), ..kernel };
         let refusal =
-            GpuPattern::of_kernel(&gpu, shader.program(), kernel, false).expect_err(operation).to_string();
+            GpuProgram::of_kernel(&gpu, shader.program(), kernel, false).expect_err(operation).to_string();
         assert!(refusal.contains(operation), "{operation}: {refusal}");
     }
     // A contraction shows in no single operation.
@@ -129,35 +130,41 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
         "result = op_add(op_mul(a, b), op_mul(a, c)) + u32((a & 1u) == 1u && !undecided);",
     );
     assert_ne!(fused, kernel.source);
-    let refusal = GpuPattern::of_kernel(&gpu, shader.program(), Kernel { source: fused, ..kernel }, false);
+    let refusal = GpuProgram::of_kernel(&gpu, shader.program(), Kernel { source: fused, ..kernel }, false);
     assert!(refusal.expect_err("it contracts").to_string().contains("\"a * b + a * c\""));
     // What no operation shows, points show.
     let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let wrong =
         kernel.source.replacen("results[0u * points + point] = ", "results[0u * points + point] = 1u ^ ", 1);
     assert_ne!(wrong, kernel.source);
-    let refusal = GpuPattern::of_kernel(&gpu, shader.program(), Kernel { source: wrong, ..kernel }, false);
-    assert!(matches!(refusal.expect_err("points differ"), GpuPatternError::Points { .. }));
+    let refusal = GpuProgram::of_kernel(&gpu, shader.program(), Kernel { source: wrong, ..kernel }, false);
+    assert!(matches!(refusal.expect_err("points differ"), GpuProgramError::Points { .. }));
 }
 
 #[test]
-fn every_fault_is_an_error_and_leaves_the_pattern_to_the_host() {
+fn every_fault_is_an_error_and_leaves_the_shader_to_the_host() {
     let shader = pattern("f.roughness = noise(at.position) * at.uv.x;");
+    let (_, velvet) = bsdfs().swap_remove(0);
+    every_fault_leaves_to_the_host(&shader.program());
+    every_fault_leaves_to_the_host(&velvet.program().unwrap_or_else(|error| panic!("{error}")));
+}
+
+fn every_fault_leaves_to_the_host(program: &Program) {
     let faults = [
         (Fault::ShadeLost(2), "lost"),
         (Fault::ShadeHang(2), "did not return within"),
         (Fault::ShadeCorrupt(2), "points differ"),
     ];
     let gpu = Arc::new(open().with_fault(Fault::ShadeOutOfMemory));
-    let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
-    let inputs = sample_points(&shader.program(), compiled.inputs(), 1000, 3);
+    let compiled = GpuProgram::of(&gpu, program.clone()).expect("the device is sound so far");
+    let inputs = sample_points(program, compiled.inputs(), 1000, 3);
     let error = compiled.evaluate(1000, &inputs).expect_err("no memory");
     assert!(error.to_string().contains("no memory") && gpu.lost().is_none(), "{error}");
     for (fault, says) in faults {
         let gpu = Arc::new(open().with_fault(fault));
-        let compiled = GpuPattern::new(&gpu, &shader).expect("the device is sound so far");
-        let inputs = sample_points(&shader.program(), compiled.inputs(), 1000, 3);
-        let expected = shader.program().evaluate(&compiled.kernel, 1000, &inputs).expect("no loops");
+        let compiled = GpuProgram::of(&gpu, program.clone()).expect("the device is sound so far");
+        let inputs = sample_points(program, compiled.inputs(), 1000, 3);
+        let expected = program.evaluate(&compiled.kernel, 1000, &inputs).expect("no loops");
         assert_eq!(compiled.evaluate(1000, &inputs), Ok(expected), "{fault}");
         for _ in 0..2 {
             let error = compiled.evaluate(1000, &inputs).expect_err(says);
@@ -166,8 +173,41 @@ fn every_fault_is_an_error_and_leaves_the_pattern_to_the_host() {
         assert!(compiled.refused().is_some() && compiled.report().points == 1000);
     }
     for (fault, says) in [(Fault::ShadeRefused, "no kernel"), (Fault::ShadeInexact, "\"a * b\"")] {
-        let error = GpuPattern::new(&Arc::new(open().with_fault(fault)), &shader).expect_err(says);
+        let gpu = Arc::new(open().with_fault(fault));
+        let error = GpuProgram::of(&gpu, program.clone()).expect_err(says);
         assert!(error.to_string().contains(says), "{fault}: {error}");
+    }
+}
+
+/// Numbers of points around those of workgroups and of the host's blocks.
+#[test]
+fn part_filled_blocks_have_the_hosts_bits() {
+    let gpu = Arc::new(open());
+    for (name, shader) in bsdfs() {
+        let compiled = GpuProgram::of_bsdf(&gpu, &shader).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let program = shader.program().unwrap_or_else(|error| panic!("{error}"));
+        for points in [1, 7, 15, 16, 17, 63, 64, 65, 255, 256, 257, 1000] {
+            let inputs = sample_points(&program, compiled.inputs(), points, 11);
+            let expected = program.evaluate(&compiled.kernel, points, &inputs).expect("loops end");
+            assert_eq!(compiled.evaluate(points, &inputs), Ok(expected), "{name}, {points}");
+        }
+    }
+}
+
+#[test]
+fn a_device_that_lies_in_one_answer_of_a_bsdf_is_refused() {
+    let gpu = Arc::new(open());
+    for (name, shader) in bsdfs() {
+        let program = shader.program().unwrap_or_else(|error| panic!("{error}"));
+        let kernel = Kernel::new(&program, false).expect("a kernel");
+        for column in 0..kernel.outputs.len() {
+            let exact = format!("results[{column}u * points + point] = ");
+            let wrong = kernel.source.replacen(&exact, &format!("{exact}1u ^ "), 1);
+            assert_ne!(wrong, kernel.source);
+            let kernel = Kernel { source: wrong, ..kernel.clone() };
+            let refusal = GpuProgram::of_kernel(&gpu, program.clone(), kernel, false).expect_err("it lies");
+            assert!(matches!(refusal, GpuProgramError::Points { .. }), "{name}, {column}: {refusal}");
+        }
     }
 }
 
@@ -177,7 +217,7 @@ fn a_loop_without_end_ends_on_the_device_and_is_told_by_the_host() {
     let shader = pattern(
         "var x = at.position.x; loop { if (at.position.y > -1000.0) { break; } x += 1.0; } f.roughness = x;",
     );
-    let compiled = GpuPattern::new(&gpu, &shader).expect("it ends at ordinary points");
+    let compiled = GpuProgram::of_pattern(&gpu, &shader).expect("it ends at ordinary points");
     let mut inputs = sample_points(&shader.program(), compiled.inputs(), 100, 1);
     assert!(compiled.evaluate(100, &inputs).is_ok());
     let height = compiled.inputs().iter().position(|&scalar| scalar == 1).expect("it reads y");

@@ -190,72 +190,115 @@ pub(super) fn lower_chain(input: Input<'_>, functions: &[Handle<Function>]) -> R
     Ok(code.without_dead_instructions().with_pairs().with_few_registers())
 }
 
+/// Lowers a function and two that take its result. The third takes the first `shared` arguments of the second, and the
+/// outputs are the results of the second, then those of the third. The inputs are the arguments of the first function,
+/// then what the second takes besides, then the third.
+///
+/// # Errors
+/// When a function uses what programs lack, or they are too long.
+#[cfg(feature = "gpu")]
+pub(super) fn lower_fork(
+    input: Input<'_>,
+    first: Handle<Function>,
+    [second, third]: [Handle<Function>; 2],
+    shared: usize,
+) -> Result<Code, Fault> {
+    let mut lowerer = Lowerer::new(input);
+    let (result, _) = lowerer.call_whole(first, Vec::new())?;
+    let (results, mut arguments) = lowerer.call_whole(second, vec![Value::Scalars(result)])?;
+    arguments.truncate(shared);
+    let (more, _) = lowerer.call_whole(third, arguments)?;
+    let results: Vec<Scalar> = results.iter().chain(more.iter()).copied().collect();
+    let Lowered { code, .. } = lowerer.finish(&results);
+    Ok(code.without_dead_instructions().with_pairs().with_few_registers())
+}
+
 /// [`lower_chain`] without the optimisations that follow. The last argument of a single function may be a pointer to a
 /// result; it points to zeros.
 ///
 /// # Errors
 /// When a function uses what programs lack, or they are too long.
 pub(super) fn lowered(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Lowered, Fault> {
-    let mut lowerer = Lowerer {
-        input,
-        code: Code::default(),
-        constants: HashMap::new(),
-        known: vec![HashMap::new()],
-        variables: Variables::default(),
-        assigned: HashSet::new(),
-        globals: HashMap::new(),
-        frames: Vec::new(),
-        exits: Vec::new(),
-        mask: None,
-        departures: 0,
-        statements: 0,
-        line: 0,
-        waiting: 0,
-        waits: false,
-        counts: Counts::default(),
-        asked: Vec::new(),
-    };
-    lowerer.waiting = lowerer.register();
-    let waiting = lowerer.waiting;
-    lowerer.write(Operation::Copy, &[Scalar::truth(false)], waiting);
-    let (mut results, mut given) = (Rc::from([]), None);
+    let mut lowerer = Lowerer::new(input);
+    let (mut results, mut given) = (Rc::from([]), Vec::new());
     for &function in functions {
-        // Each call begins with the initial values of the module's variables.
-        lowerer.declare_globals()?;
-        let (arguments, pointed) = lowerer.arguments(function, given)?;
-        results = lowerer.inline(function, arguments)?;
-        if let Some(variable) = pointed {
-            results = lowerer.value_of(variable);
-        }
-        given = Some(Value::Scalars(results.clone()));
+        (results, _) = lowerer.call_whole(function, given)?;
+        given = vec![Value::Scalars(Rc::clone(&results))];
     }
-    let inputs: HashMap<Register, u32> =
-        lowerer.code.inputs.iter().map(|&(input, register)| (register, input)).collect();
-    let outputs = results
-        .iter()
-        .map(|scalar| match scalar {
-            Scalar::Word(word) => Output::Known(*word),
-            Scalar::Column(register) => {
-                inputs.get(register).map_or(Output::Computed, |&input| Output::Input(input))
-            }
-        })
-        .collect();
-    lowerer.code.outputs = results.iter().map(|&scalar| lowerer.column(scalar)).collect();
-    let Lowerer { mut code, constants, counts, .. } = lowerer;
-    code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
-    code.constants.sort_unstable();
-    Ok(Lowered { code, outputs, waiting, counts })
+    Ok(lowerer.finish(&results))
 }
 
 impl<'m> Lowerer<'m> {
-    /// The arguments of a function, the first one unless it is given as inputs; and what the last one points to.
+    fn new(input: Input<'m>) -> Self {
+        let mut lowerer = Self {
+            input,
+            code: Code::default(),
+            constants: HashMap::new(),
+            known: vec![HashMap::new()],
+            variables: Variables::default(),
+            assigned: HashSet::new(),
+            globals: HashMap::new(),
+            frames: Vec::new(),
+            exits: Vec::new(),
+            mask: None,
+            departures: 0,
+            statements: 0,
+            line: 0,
+            waiting: 0,
+            waits: false,
+            counts: Counts::default(),
+            asked: Vec::new(),
+        };
+        lowerer.waiting = lowerer.register();
+        let waiting = lowerer.waiting;
+        lowerer.write(Operation::Copy, &[Scalar::truth(false)], waiting);
+        lowerer
+    }
+
+    /// Calls a function of the file with some arguments, and inputs for the others: its result and all arguments.
+    fn call_whole(
+        &mut self,
+        function: Handle<Function>,
+        given: Vec<Value>,
+    ) -> Result<(Rc<[Scalar]>, Vec<Value>), Fault> {
+        // Each call begins with the initial values of the module's variables.
+        self.declare_globals()?;
+        let (arguments, pointed) = self.arguments(function, given)?;
+        let mut results = self.inline(function, arguments.clone())?;
+        if let Some(variable) = pointed {
+            results = self.value_of(variable);
+        }
+        Ok((results, arguments))
+    }
+
+    /// The program of these results.
+    fn finish(mut self, results: &[Scalar]) -> Lowered {
+        let inputs: HashMap<Register, u32> =
+            self.code.inputs.iter().map(|&(input, register)| (register, input)).collect();
+        let outputs = results
+            .iter()
+            .map(|scalar| match scalar {
+                Scalar::Word(word) => Output::Known(*word),
+                Scalar::Column(register) => {
+                    inputs.get(register).map_or(Output::Computed, |&input| Output::Input(input))
+                }
+            })
+            .collect();
+        self.code.outputs = results.iter().map(|&scalar| self.column(scalar)).collect();
+        let Lowerer { mut code, constants, counts, waiting, .. } = self;
+        code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
+        code.constants.sort_unstable();
+        Lowered { code, outputs, waiting, counts }
+    }
+
+    /// The arguments of a function: those that are given, then inputs; and what the last one points to.
     fn arguments(
         &mut self,
         function: Handle<Function>,
-        given: Option<Value>,
+        given: Vec<Value>,
     ) -> Result<(Vec<Value>, Option<VariableId>), Fault> {
         let module = self.input.module;
-        let mut arguments: Vec<Value> = given.into_iter().collect();
+        let mut arguments = given;
         let mut pointed = None;
         for argument in &module.functions[function].arguments[arguments.len()..] {
             let inner = &module.types[argument.ty].inner;

@@ -38,3 +38,56 @@ fn functions_get_their_arguments_and_begin_with_the_initial_values_of_variables(
         assert_eq!((numbers(weight), pdf.get()), ([left, 1.125, position[1]], 7.0));
     }
 }
+
+/// What a device computes at once has the bits of what hits ask, function by function.
+#[cfg(feature = "gpu")]
+#[test]
+fn answers_of_both_functions_together_have_the_bits_of_each() {
+    use crate::program::device::{Given, Kernel, Program, sample_points, tests::bsdfs};
+    use crate::scene::{ANSWERS, ASKED, BlockColumns};
+
+    fn check(name: &str, shader: &BsdfShader, program: &Program) {
+        const POINTS: usize = 700;
+        const POINT: usize = BlockColumns::POINT;
+        let kernel = Kernel::new(program, false).unwrap_or_else(|error| panic!("{name}: {error}"));
+        // Every scalar, whether it is read or not.
+        let all: Vec<u32> = (0..(POINT + ASKED) as u32).collect();
+        let words = sample_points(program, &all, POINTS, 5);
+        let inputs: Vec<u32> =
+            kernel.inputs.iter().flat_map(|&i| words[i as usize * POINTS..][..POINTS].to_vec()).collect();
+        let answers = program.evaluate(&kernel, POINTS, &inputs).expect("loops end");
+        let (scene, l) = (Scene::default(), SingleLane::default());
+        let mut different = 0;
+        for point in 0..POINTS {
+            let n = |scalar: usize| Num::splat(l, f32::from_bits(words[scalar * POINTS + point]));
+            let v = |scalar: usize| Vector::new(n(scalar), n(scalar + 1), n(scalar + 2));
+            let at = point_at(&scene, [0, 1, 2].map(|i| n(i).get()));
+            let (value, pdf) = shader.evaluate(&at, v(POINT), v(POINT + 3));
+            let sample = shader.sample(&at, v(POINT), n(POINT + 6), [n(POINT + 7), n(POINT + 8)]);
+            let Scattered { wi, weight, pdf: density } = sample;
+            let expected =
+                [value.x, value.y, value.z, pdf, wi.x, wi.y, wi.z, weight.x, weight.y, weight.z, density];
+            let expected: [u32; ANSWERS] = expected.map(|x| x.get().to_bits());
+            for (column, &scalar) in answers.chunks(POINTS).zip(&kernel.outputs) {
+                different += usize::from(column[point] != expected[scalar as usize]);
+            }
+            for &(scalar, given) in &kernel.given {
+                let word = match given {
+                    Given::Word(word) => word,
+                    Given::Input(input) => words[input as usize * POINTS + point],
+                };
+                different += usize::from(word != expected[scalar as usize]);
+            }
+        }
+        assert_eq!((different, kernel.outputs.len() + kernel.given.len()), (0, ANSWERS), "{name}");
+    }
+
+    let counting = BsdfShader::load("counting.wgsl", COUNTING, []).unwrap_or_else(|error| panic!("{error}"));
+    for (name, shader) in bsdfs().into_iter().chain([("counting.wgsl", counting)]) {
+        let program = shader.program().unwrap_or_else(|error| panic!("{error}"));
+        check(name, &shader, &program);
+        // What depends on the point is computed once.
+        let ([evaluate, sample], both) = (shader.operations(), program.code.instructions.len());
+        assert!(name == "dust.wgsl" || both < evaluate + sample, "{name}: nothing is shared");
+    }
+}

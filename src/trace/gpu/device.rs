@@ -45,7 +45,7 @@ struct AdapterHistory {
     fault: Option<Fault>,
     /// Dispatches of rays so far.
     dispatches: AtomicU64,
-    /// Dispatches of patterns so far.
+    /// Dispatches of shaders so far.
     shadings: AtomicU64,
 }
 
@@ -180,7 +180,7 @@ impl Gpu {
         (number, self.history.fault.filter(|fault| fault.dispatch() == Some(number)))
     }
 
-    /// Numbers a dispatch of a pattern, from 1; returns the fault to inject into it.
+    /// Numbers a dispatch of a shader, from 1; returns the fault to inject into it.
     #[cfg(feature = "wgsl")]
     pub(crate) fn next_shading(&self) -> (u64, Option<Fault>) {
         let number = self.history.shadings.fetch_add(1, Ordering::Relaxed) + 1;
@@ -238,7 +238,7 @@ impl Gpu {
         self.wait_until(poll, limit)
     }
 
-    /// [`Gpu::wait`] for a dispatch of a pattern; the watchdog learns how long it took. The first dispatches of a
+    /// [`Gpu::wait`] for a dispatch of a shader; the watchdog learns how long it took. The first dispatches of a
     /// kernel have the watchdog's upper bound, because drivers may compile meanwhile.
     #[cfg(feature = "wgsl")]
     pub(crate) fn wait_for_shading(
@@ -301,7 +301,7 @@ fn descriptor(adapter: &wgpu::Adapter, boxes: u32) -> wgpu::DeviceDescriptor<'st
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
-        // Patterns' kernels go to the driver as they are (`program::gpu`).
+        // Shaders' kernels go to the driver as they are (`program::gpu`).
         required_features: adapter.features() & wgpu::Features::PASSTHROUGH_SHADERS,
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()

@@ -16,17 +16,17 @@ pub enum Fault {
     Corrupt(u64),
     /// The device has no memory for the scene.
     OutOfMemory,
-    /// The device is lost while it computes a pattern. Dispatches of patterns are numbered by themselves.
+    /// The device is lost while it computes a shader. Dispatches of shaders are numbered by themselves.
     ShadeLost(u64),
-    /// The dispatch of a pattern never returns.
+    /// The dispatch of a shader never returns.
     ShadeHang(u64),
-    /// The dispatch of a pattern returns wrong finishes.
+    /// The dispatch of a shader returns wrong results.
     ShadeCorrupt(u64),
-    /// The device has no memory for the points of patterns.
+    /// The device has no memory for the points of shaders.
     ShadeOutOfMemory,
-    /// The device refuses the kernels of patterns.
+    /// The device refuses the kernels of shaders.
     ShadeRefused,
-    /// Products in patterns have another last bit in some cases.
+    /// Products in shaders have another last bit in some cases.
     ShadeInexact,
 }
 
@@ -75,7 +75,7 @@ impl Fault {
         }
     }
 
-    /// The number of the dispatch of a pattern at which the fault happens.
+    /// The number of the dispatch of a shader at which the fault happens.
     pub(super) fn shading(self) -> Option<u64> {
         match self {
             Self::ShadeLost(at) | Self::ShadeHang(at) | Self::ShadeCorrupt(at) => Some(at),
