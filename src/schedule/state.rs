@@ -392,10 +392,11 @@ impl State {
             while let Some(index) = self.next_to_admit(lane) {
                 let mut job = self.waiting.remove(index).expect("the job that was found");
                 job.begin(now_ns, &self.threads);
-                // As if served as little as the least served job: with 0 it would get all threads until it had caught
-                // up.
+                // As if it had had one turn less than the least served job, but for one ray: it is served at once, but
+                // with 0 it would get all threads until it had caught up.
                 let priority = job.submission.priority;
-                let served = self.least_served(priority);
+                let least = self.least_served(priority);
+                let served = (least - least % policy::TURN_RAYS).saturating_sub(1);
                 self.turns.push(Turn { view: job.submission.job.view(), priority, served });
                 self.jobs.push(job);
                 // A job without tiles is over at once.

@@ -74,13 +74,19 @@ impl std::ops::AddAssign for Pace {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Sharing {
-    /// Every job gets the same share: the job that has been served the fewest rays is next.
+    /// Every job gets the same share: the job that has been served the fewest rays is next, counted in turns of
+    /// [`TURN_RAYS`].
     #[default]
     Fair,
     /// The oldest job gets all threads that it can use, later ones fill the gaps. For frames that are wanted in the
     /// order of their submission.
     FirstIn,
 }
+
+/// Rays that threads take from a job before they turn to one that has been served less, if jobs share fairly. A task
+/// finds its job's streams in the caches only if the tasks before it were of the same job. Counted at each task, so a
+/// ray that is spawned, traced and shaded counts three times.
+pub const TURN_RAYS: u64 = 1 << 22;
 
 /// What the policy sees of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,6 +140,13 @@ pub struct Turn {
     pub priority: Priority,
     /// Rays given to threads so far, counted at each task.
     pub served: u64,
+}
+
+impl Turn {
+    /// Turns that the job has had.
+    fn turns(&self) -> u64 {
+        self.served / TURN_RAYS
+    }
 }
 
 /// What the policy sees of the threads.
@@ -248,14 +261,15 @@ fn pick(
     sharing: Sharing,
     rule: impl Fn(&View) -> Option<Rule>,
 ) -> Option<Choice> {
-    let mut choice: Option<(u64, Choice)> = None;
+    let mut choice: Option<(&Turn, Choice)> = None;
     let able = |turn: &Turn| turn.priority == priority && !turn.view.ended;
     for (job, turn) in turns.iter().enumerate().filter(|(_, turn)| able(turn)) {
-        if choice.is_some_and(|(served, _)| sharing == Sharing::FirstIn || served <= turn.served) {
+        let is_before = |other: &Turn| sharing == Sharing::FirstIn || other.turns() <= turn.turns();
+        if choice.is_some_and(|(other, _)| is_before(other)) {
             continue;
         }
         if let Some(rule) = rule(&turn.view) {
-            choice = Some((turn.served, Choice { job, rule }));
+            choice = Some((turn, Choice { job, rule }));
         }
     }
     choice.map(|(_, choice)| choice)

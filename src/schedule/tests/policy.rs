@@ -1,6 +1,8 @@
 //! The rules, one by one.
 
-use super::super::policy::{Pace, SMALL_TASK_NS, choose, choose_dispatch, chunk_rays, most_rays, threshold};
+use super::super::policy::{
+    Pace, SMALL_TASK_NS, TURN_RAYS, choose, choose_dispatch, chunk_rays, most_rays, threshold,
+};
 use super::super::{Limits, Load, Policy, Priority, Rule, ShadingRates, Sharing, TaskSize, Turn, Unit, View};
 
 const IDLE: View = View {
@@ -106,7 +108,7 @@ fn without_a_device_shading_follows_tracing() {
 
 #[test]
 fn the_job_served_least_is_next() {
-    let turns = [turn(ALL, 5), turn(ALL, 3), turn(ALL, 3)];
+    let turns = [turn(ALL, 5 * TURN_RAYS), turn(ALL, 4 * TURN_RAYS - 1), turn(ALL, 3 * TURN_RAYS)];
     assert_eq!(choose(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
     assert_eq!(choose(&turns, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
     assert_eq!(choose_dispatch(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
@@ -116,7 +118,8 @@ fn the_job_served_least_is_next() {
 fn a_small_stream_waits_only_while_it_may_grow() {
     let small = View { need_more: 1, ..IDLE };
     let first = |tasks| {
-        let choice = choose(&[turn(View { tasks, ..small }, 0), turn(ALL, 9)], BUSY, Sharing::Fair);
+        let choice =
+            choose(&[turn(View { tasks, ..small }, 0), turn(ALL, 9 * TURN_RAYS)], BUSY, Sharing::Fair);
         choice.map(|choice| choice.job)
     };
     assert_eq!(first(1), Some(1));
