@@ -15,7 +15,7 @@ use crate::serve::{Gathering, Shots, failpoint, hex};
 use sha2::{Digest, Sha256};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant, SystemTime};
 
 /// What the names of files of sums begin with.
@@ -122,11 +122,11 @@ impl OpenFrame {
 
     /// Adds the sums of units that have files, and takes note of those that have none.
     fn restore(&self, ledger: &Ledger, units: Vec<UnitRow>) -> Result<(), Failure> {
-        let state = &mut *self.state.lock().expect("no holder panics");
+        let state = &mut *self.state();
         state.open_passes();
         for mut unit in units {
             if unit.state == UnitState::Kept {
-                let path = self.unit_path(unit.pass, unit.number);
+                let path = self.unit_path(unit.pass, unit.number, unit.digest.as_deref().unwrap_or_default());
                 let added = state.restore_unit(&unit, &path);
                 if let Err(error) = added {
                     log::warn!("{}: {error}; its samples are rendered again", path.display());
@@ -145,7 +145,7 @@ impl OpenFrame {
 
     /// Removes files that the ledger does not know.
     fn tidy(&self, sums: u64) {
-        let state = self.state.lock().expect("no holder panics");
+        let state = self.state();
         let known = self.folder.join(format!("{SUMS}{sums}"));
         for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             let (path, name) = (entry.path(), entry.file_name().to_string_lossy().into_owned());
@@ -158,8 +158,14 @@ impl OpenFrame {
         }
     }
 
-    fn unit_path(&self, pass: u64, number: u32) -> PathBuf {
-        self.folder.join(format!("{UNIT}{pass}-{number}"))
+    /// The file of a unit's sums. Other sums of the unit have another file: what is being written never takes the
+    /// place of what the ledger knows of.
+    fn unit_path(&self, pass: u64, number: u32, digest: &str) -> PathBuf {
+        self.folder.join(format!("{UNIT}{pass}-{number}-{digest}"))
+    }
+
+    fn state(&self) -> MutexGuard<'_, FrameState> {
+        self.state.lock().expect("no holder panics")
     }
 
     /// The name of one of its units.
@@ -185,7 +191,7 @@ impl OpenFrame {
 
     /// Forgets all of its units, whose sums may be wrong.
     pub fn begin_anew(&self, ledger: &Ledger) -> Result<(), Failure> {
-        let mut state = self.state.lock().expect("no holder panics");
+        let mut state = self.state();
         state.is_broken = true;
         Ok(ledger.begin_anew(&self.job, self.frame)?)
     }
@@ -202,7 +208,7 @@ impl OpenFrame {
 
     /// Lets a unit be offered again, if it has no sums.
     pub fn put_back(&self, pass: u64, number: u32) {
-        let mut state = self.state.lock().expect("no holder panics");
+        let mut state = self.state();
         let pass = state.passes.iter_mut().find(|own| own.number == pass);
         pass.into_iter().for_each(|pass| pass.put_back(number));
     }
@@ -217,20 +223,14 @@ impl OpenFrame {
 
     /// Keeps the sums of a unit: in a file, in the ledger, and in memory. `lease` says when its worker was told to
     /// render it, if that is known, and how often it was leased.
+    ///
+    /// Files of several units are written at the same time: the frame is locked before and after, not meanwhile.
     pub fn keep(&self, ledger: &Ledger, finished: FinishedUnit, lease: Leased) -> Result<Kept, Failure> {
         let came = Instant::now();
-        let mut state = self.state.lock().expect("no holder panics");
-        if state.is_broken {
-            return Err(Failure::Disk("the frame is opened again".into()));
-        }
         let FinishedUnit { unit: id, worker, identity, digest, seconds, opening_s, sums } = finished;
-        let Some(pass) = state.passes.iter_mut().find(|own| own.number == id.pass) else {
-            return Ok(Kept::Before);
-        };
-        let Some(mut unit) = pass.find(id.number).cloned() else {
-            let is_cut = pass.is_cut(id.number);
-            let wrong = || Kept::Wrong("there is no such unit".into());
-            return Ok(if is_cut { Kept::Before } else { wrong() });
+        let (mut unit, blocks) = match self.state().wanted(&id)? {
+            Ok(wanted) => wanted,
+            Err(kept) => return Ok(kept),
         };
         if identity != self.identity {
             return Ok(Kept::Wrong("it is of another picture: scene, options or program differ".into()));
@@ -238,41 +238,35 @@ impl OpenFrame {
         if hex(&Sha256::digest(&*sums)) != digest {
             return Ok(Kept::Wrong("its sums are damaged: their SHA-256 is another".into()));
         }
-        let patch = patch_of(pass, &unit, std::sync::Arc::unwrap_or_clone(sums));
         let samples = u64::from(unit.blocks) * u64::from(unit.end - unit.first) * 256;
-        let path = self.unit_path(unit.pass, unit.number);
+        let patch = Patch::new(blocks, unit.first..unit.end, std::sync::Arc::unwrap_or_clone(sums));
+        let path = self.unit_path(unit.pass, unit.number, &digest);
         write(&path, |file| file.write_all(patch.sums()))?;
         failpoint::pass("film-written");
+        let mut state = self.state();
+        if let Err(kept) = state.wanted(&id)? {
+            // The same sums may have come twice, and this file be the one that is known.
+            if !state.loose.contains(&path) {
+                results::remove(&path);
+            }
+            return Ok(kept);
+        }
         if let Err(error) = state.gathering.add(unit.pass, &patch) {
             results::remove(&path);
             return Ok(Kept::Wrong(error));
         }
         (unit.worker, unit.digest) = (Some(worker), Some(digest));
-        let (pass, number) = (unit.pass, unit.number);
         let (began_ms, came_ms) = lease.times(came, seconds);
-        let (bytes, deliveries) = (patch.sums().len() as u64, lease.deliveries);
-        let rendering = Rendering {
-            began_ms,
-            came_ms,
-            seconds,
-            opening_s,
-            blocks: unit.blocks,
-            samples,
-            bytes,
-            deliveries,
-        };
+        let (blocks, bytes, deliveries) = (unit.blocks, patch.sums().len() as u64, lease.deliveries);
+        let rendering =
+            Rendering { began_ms, came_ms, seconds, opening_s, blocks, samples, bytes, deliveries };
         let is_known = ledger.keep_unit(&self.job, unit, rendering);
         if !matches!(is_known, Ok(true)) {
             // The sums in memory have what the ledger does not know of.
             state.is_broken = true;
             return is_known.map(|_| Kept::Before).map_err(Failure::from);
         }
-        if let Some(pass) = state.passes.iter_mut().find(|own| own.number == pass) {
-            pass.keep(number);
-        }
-        state.loose.push(path);
-        state.loose_bytes += patch.sums().len() as u64;
-        state.open_passes();
+        state.keep(&id, path, bytes);
         let is_complete = state.gathering.is_complete();
         let (files, bytes) = (state.loose.len(), state.loose_bytes);
         if !is_complete && is_to_be_folded(files, self.most_files, bytes, state.sums_bytes) {
@@ -307,14 +301,10 @@ impl OpenFrame {
 
     /// Removes the files of sums, once the frame has its picture.
     pub fn remove_files(&self) {
-        let state = self.state.lock().expect("no holder panics");
+        let state = self.state();
         state.loose.iter().for_each(|path| results::remove(path));
         results::remove(&self.folder.join(format!("{SUMS}{}", state.sums)));
     }
-}
-
-fn patch_of(pass: &PassUnits, unit: &UnitRow, sums: Vec<u8>) -> Patch {
-    Patch::new(pass.blocks_of(unit), unit.first..unit.end, sums)
 }
 
 impl FrameState {
@@ -336,12 +326,36 @@ impl FrameState {
         if !pass.has_blocks(unit) || unit.digest.as_deref() != Some(&*hex(&Sha256::digest(&sums))) {
             return Err("it is damaged".into());
         }
-        let patch = patch_of(pass, unit, sums);
+        let patch = Patch::new(pass.blocks_of(unit), unit.first..unit.end, sums);
         self.gathering.add(unit.pass, &patch)?;
         self.loose_bytes += patch.sums().len() as u64;
         self.loose.push(path.to_owned());
         self.open_passes();
         Ok(())
+    }
+
+    /// A unit that has no sums yet and its blocks, or what becomes of sums that come for it.
+    fn wanted(&self, id: &UnitId) -> Result<Result<(UnitRow, Vec<u32>), Kept>, Failure> {
+        if self.is_broken {
+            return Err(Failure::Disk("the frame is opened again".into()));
+        }
+        let Some(pass) = self.passes.iter().find(|own| own.number == id.pass) else {
+            return Ok(Err(Kept::Before));
+        };
+        Ok(match pass.find(id.number) {
+            Some(unit) => Ok((unit.clone(), pass.blocks_of(unit))),
+            None if pass.is_cut(id.number) => Err(Kept::Before),
+            None => Err(Kept::Wrong("there is no such unit".into())),
+        })
+    }
+
+    /// Takes note that the ledger knows of a unit's sums and their file.
+    fn keep(&mut self, id: &UnitId, path: PathBuf, bytes: u64) {
+        let pass = self.passes.iter_mut().find(|own| own.number == id.pass);
+        pass.into_iter().for_each(|pass| pass.keep(id.number));
+        self.loose.push(path);
+        self.loose_bytes += bytes;
+        self.open_passes();
     }
 
     /// Takes note of a unit of the ledger.
