@@ -4,6 +4,7 @@
 use super::LoadProblem;
 use super::decode::decode;
 use super::session::Session;
+use crate::lanes::for_pairs_mut;
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use image::DynamicImage;
 use std::collections::HashMap;
@@ -19,6 +20,20 @@ pub(super) enum Source {
     Embedded(usize),
     /// What stands in for images that are missing or broken.
     StandIn,
+}
+
+/// The texels of an image. Those without alpha are opaque. Most images are RGB, which the crate `image`, compiled
+/// without all optimisations, converts more slowly than this.
+fn texels(image: DynamicImage) -> Arc<[[u8; 4]]> {
+    match image {
+        DynamicImage::ImageRgb8(rgb) => {
+            let (rgb, _) = rgb.as_raw().as_chunks::<3>();
+            let mut texels = vec![[0; 4]; rgb.len()];
+            for_pairs_mut(&mut texels, rgb, |texel, &[r, g, b]| *texel = [r, g, b, u8::MAX]);
+            texels.into()
+        }
+        other => bytemuck::cast_slice::<u8, [u8; 4]>(other.into_rgba8().as_raw()).into(),
+    }
 }
 
 /// Bytes of a texel.
@@ -41,10 +56,8 @@ pub(super) struct Pixels {
 impl Pixels {
     fn new(name: String, image: DynamicImage) -> Self {
         let is_float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
-        let rgba = image.into_rgba8();
-        let (width, height) = rgba.dimensions();
-        let texels = bytemuck::cast_slice::<u8, [u8; 4]>(rgba.as_raw()).into();
-        Self { name, width, height, texels, is_float }
+        let (width, height) = (image.width(), image.height());
+        Self { name, width, height, texels: texels(image), is_float }
     }
 
     /// A checker of magenta and black, which no scene has by intention.
@@ -182,5 +195,27 @@ impl Textures {
     /// All textures.
     pub(super) fn into_list(self) -> Vec<Texture> {
         self.textures
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texels_are_those_of_the_image_crate() {
+        let bytes: Vec<u8> = (0..75 * 4).map(|i| (i * 7) as u8).collect();
+        let rgba = image::RgbaImage::from_raw(15, 5, bytes).expect("75 pixels");
+        let rgba = DynamicImage::ImageRgba8(rgba);
+        let images = [
+            DynamicImage::ImageRgb8(rgba.to_rgb8()),
+            DynamicImage::ImageRgb16(rgba.to_rgb16()),
+            DynamicImage::ImageLumaA8(rgba.to_luma_alpha8()),
+            rgba,
+        ];
+        for image in images {
+            let expected = image.to_rgba8().into_raw();
+            assert_eq!(bytemuck::cast_slice::<[u8; 4], u8>(&texels(image)), expected);
+        }
     }
 }
