@@ -272,12 +272,8 @@ fn pack_block<M: Fn(u32) -> bool + Sync>(
     primitives: &[u32],
     packer: &mut LeafPacker,
 ) -> CollapsedChild {
-    let mut ascending = [u32::MAX; BLOCK_TRIANGLES];
-    let ascending = &mut ascending[..primitives.len()];
-    ascending.copy_from_slice(primitives);
-    ascending.sort_unstable();
     let mut triangles = BlockTriangles::default();
-    for &primitive in &*ascending {
+    for &primitive in &ascending(primitives)[..primitives.len()] {
         triangles.push(primitive, mesh.is_masked(primitive), mesh.corners(primitive));
     }
     let bounds = match *primitives {
@@ -285,6 +281,20 @@ fn pack_block<M: Fn(u32) -> bool + Sync>(
         _ => inner.bounds(of).to_aabb(),
     };
     CollapsedChild { bounds, child: packer.push(&triangles), stats: SubtreeStats::of_block(&triangles) }
+}
+
+/// Up to [`BLOCK_TRIANGLES`] ids in ascending order, then others. The `sort` of slices is a call.
+fn ascending(primitives: &[u32]) -> [u32; BLOCK_TRIANGLES] {
+    let mut sorted = [u32::MAX; BLOCK_TRIANGLES];
+    for (count, &primitive) in primitives.iter().enumerate() {
+        let mut at = count;
+        while at > 0 && sorted[at - 1] > primitive {
+            sorted[at] = sorted[at - 1];
+            at -= 1;
+        }
+        sorted[at] = primitive;
+    }
+    sorted
 }
 
 /// The wide node with the given children, and their statistics by slot.

@@ -109,11 +109,13 @@ impl Choice {
     pub const ONE_BLOCK: Self = Self(Self::BLOCK);
 
     /// Whether the primitives, as one child, are a leaf block and not an inner node.
+    #[inline]
     pub fn is_block(self) -> bool {
         self.0 & Self::BLOCK != 0
     }
 
     /// How many of `children` ≥ 2 go to the left subtree; 0 if one child fewer is as good.
+    #[inline]
     pub fn on_left(self, children: usize) -> usize {
         (self.0 >> (3 * (children - 2)) & 7) as usize
     }

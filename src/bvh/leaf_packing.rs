@@ -21,6 +21,7 @@ pub(super) struct BlockTriangles {
 
 impl BlockTriangles {
     /// Number of triangles.
+    #[inline]
     pub fn len(&self) -> usize {
         self.count
     }

@@ -3,7 +3,7 @@
 use super::bins::SplitPlane;
 use super::packed_bounds::{PackedBounds, key};
 use super::reference::{Extent, PARALLEL_LEN, PIECE_LEN, Reference};
-use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, both};
 use rayon::prelude::*;
 
 /// The two sides of a partitioned range.
@@ -50,8 +50,8 @@ pub(super) fn partition<L: Lanes, const COUNTED_ALL: bool>(
     } else {
         [PackedBounds::store(l, bounds[0]), PackedBounds::store(l, bounds[1])]
     };
-    let [left, right] = [0, 1].map(|side| Extent { bounds: bounds[side], keys: keys[side] });
-    Sides { middle, extents: [left, right] }
+    let extents = both([0, 1], |side: usize| Extent { bounds: bounds[side], keys: keys[side] });
+    Sides { middle, extents }
 }
 
 /// [`partition`] as a task.
@@ -78,7 +78,7 @@ pub(super) fn partition_in_parallel(references: &mut [Reference], plane: &SplitP
     let mut all = Sides { middle: 0, extents: [Extent::EMPTY; 2] };
     for piece in &pieces {
         all.middle += piece.middle;
-        all.extents = [0, 1].map(|side| all.extents[side].union(&piece.extents[side]));
+        all.extents = both([0, 1], |side: usize| all.extents[side].union(&piece.extents[side]));
     }
     // Each piece is partitioned. The references on the wrong side of the middle form runs, as many references
     // on one side as on the other: they are swapped.

@@ -10,6 +10,7 @@ use super::binary_tree::{BinaryTree, BuiltSubtree, MAX_DEPTH, ReinsertedNode, Su
 use super::collapse_plan::{Choice, CollapsePlan, Costs};
 use super::packed_bounds::PackedBounds;
 use super::small_subtree::MAX_SMALL;
+use crate::lanes::both;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
 
@@ -124,8 +125,9 @@ impl Reinsertion {
                 if gain > best && at != own_sibling {
                     (best, place) = (gain, Some(at));
                 }
-                if let Some(children) = candidate.children {
-                    stack.extend(children.map(|child| (gain + candidate.area, child)));
+                if let Some([left, right]) = candidate.children {
+                    stack.push((gain + candidate.area, left));
+                    stack.push((gain + candidate.area, right));
                 }
             }
             if ancestor != parent {
@@ -174,7 +176,7 @@ impl Reinsertion {
     fn refit(&mut self, mut at: u32) {
         loop {
             let [left, right] =
-                self.node(at).children.expect("a parent has children").map(|child| self.node(child));
+                both(self.node(at).children.expect("a parent has children"), |child| self.node(child));
             let bounds = left.bounds.union(&right.bounds);
             let height = 1 + left.height.max(right.height);
             let node = &mut self.nodes[at as usize];

@@ -88,12 +88,15 @@ impl WideNode {
     /// The same node with its references to inner nodes raised by `nodes`, and those to leaf blocks by
     /// `blocks`.
     pub(super) fn with_offsets(&self, nodes: usize, blocks: usize) -> Self {
-        let children = self.children.map(|child| match child {
-            Child::NONE => child,
-            child if child.is_block() => child.offset(blocks),
-            child => Child::node(child.index() + nodes),
-        });
-        Self { children, ..*self }
+        let mut moved = *self;
+        for child in &mut moved.children {
+            *child = match *child {
+                Child::NONE => Child::NONE,
+                child if child.is_block() => child.offset(blocks),
+                child => Child::node(child.index() + nodes),
+            };
+        }
+        moved
     }
 
     /// The children that are leaf blocks.
