@@ -8,7 +8,7 @@
 use super::path_state::PathState;
 use crate::geom::Sampler;
 use crate::lanes::{Lanes, Mask, Vector};
-use crate::scene::{Material, Surface};
+use crate::scene::{Material, Principled, Surface};
 
 /// The channels: red, green and blue.
 const CHANNELS: usize = 3;
@@ -31,11 +31,19 @@ pub(super) struct OneChannel {
 
 impl ByChannel {
     /// Sorts `rays`, which all hit `material`. `None` if the material is not dispersive.
+    #[inline]
     pub fn sorted(material: &Material, rays: &[u32], states: &[PathState], seed: u64) -> Option<Self> {
-        let Surface::Principled(surface) = &material.surface else { return None };
-        if !surface.is_dispersive() {
-            return None;
+        match &material.surface {
+            Surface::Principled(surface) if surface.is_dispersive() => {
+                Some(Self::of(surface, rays, states, seed))
+            }
+            _ => None,
         }
+    }
+
+    /// Out of line: few materials are dispersive.
+    #[cold]
+    fn of(surface: &Principled, rays: &[u32], states: &[PathState], seed: u64) -> Self {
         let channels = std::array::from_fn(|channel| OneChannel {
             channel,
             surface: Surface::Principled(surface.of_channel(channel)),
@@ -46,7 +54,7 @@ impl ByChannel {
             let u = Sampler::new(state.pixel(), state.sample(), seed).single(DIMENSION);
             sorted.rays[((u * CHANNELS as f32) as usize).min(CHANNELS - 1)].push(ray);
         }
-        Some(sorted)
+        sorted
     }
 
     /// The rays of a channel, with the surface that they see.

@@ -84,6 +84,7 @@ const LINES_NM: [f32; 3] = [656.3, 587.6, 486.1];
 
 impl Principled {
     /// Whether the surface refracts red, green and blue light differently.
+    #[inline]
     pub fn is_dispersive(&self) -> bool {
         self.dispersion > 0.0 && self.transmission.factor != 0.0 && !self.thin
     }

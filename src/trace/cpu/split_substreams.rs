@@ -20,7 +20,7 @@ const STEP: usize = 64;
 /// The length of the first sub-stream of `rays`: 0 for no rays, else at least 1.
 pub(super) fn first_len(rays: &[Ray]) -> usize {
     let max = rays.len().min(MAX_RAYS);
-    let same_origin = |other: usize| move |ray: &&Ray| ray.origin == rays[other].origin;
+    let same_origin = |other: usize| move |ray: &&Ray| have_one_origin(ray, &rays[other]);
     if begins_run(rays, 0) {
         let steps = rays[..max].iter().step_by(STEP).take_while(same_origin(0)).count();
         let last = (steps - 1) * STEP;
@@ -36,10 +36,18 @@ pub(super) fn first_len(rays: &[Ray]) -> usize {
     max
 }
 
+/// Whether two rays begin at the same point. The comparison of arrays is a call.
+#[inline]
+fn have_one_origin(a: &Ray, b: &Ray) -> bool {
+    let ([a, b, c], [x, y, z]) = (a.origin, b.origin);
+    a == x && b == y && c == z
+}
+
 /// Whether a run seems to begin with ray `at` or before it.
+#[inline]
 fn begins_run(rays: &[Ray], at: usize) -> bool {
     let Some(run) = rays.get(at..at + MIN_RUN) else { return false };
-    [MIN_RUN / 2, MIN_RUN - 1].iter().all(|&other| run[other].origin == run[0].origin)
+    [MIN_RUN / 2, MIN_RUN - 1].iter().all(|&other| have_one_origin(&run[other], &run[0]))
 }
 
 #[cfg(test)]
