@@ -212,7 +212,7 @@ fn tile_ask(rows: u32) -> TileAsk {
 }
 
 fn tiles_are_answered_by_the_worker_that_is_asked((coordinator, worker): &Ends) {
-    let scene = LiveScene { sha256: "0".repeat(64), identity: "i".into() };
+    let scene = LiveScene { sha256: "0".repeat(64), entry: None, identity: "i".into() };
     let ask = |address: &str, ask: LiveAsk, patience: Duration| {
         let (tell, told) = channel();
         coordinator.request(

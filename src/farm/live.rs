@@ -12,6 +12,8 @@ use std::sync::Arc;
 pub struct LiveScene {
     /// The SHA-256 by which it was uploaded.
     pub sha256: String,
+    /// The scene file in an archive; `None` for the one that is found in it.
+    pub entry: Option<String>,
     /// What its picture is a function of ([`crate::serve::Shots::identity`]). A worker that finds another one makes
     /// other pixels, and refuses.
     pub identity: String,

@@ -28,6 +28,9 @@ const CALM_AFTER: Duration = Duration::from_secs(2);
 /// hold workers deeper than the compiler looks.
 type Render = Arc<dyn Fn(&TileAsk, &dyn Fn() -> bool) -> Result<Option<Tile>, String> + Send + Sync>;
 
+/// Where a scene is: the SHA-256 of an upload, and the scene file in it.
+type Place = (String, Option<String>);
+
 /// A scene.
 enum Held {
     Loading,
@@ -46,7 +49,7 @@ struct Queued {
 #[derive(Default)]
 struct State {
     /// Scenes, the one that was asked for last at the end.
-    scenes: Vec<(String, Held)>,
+    scenes: Vec<(Place, Held)>,
     queue: Vec<Queued>,
     /// The newest frame of each view, and when it came.
     newest: HashMap<u64, (u64, Instant)>,
@@ -126,8 +129,9 @@ impl Painter {
 
     /// The scene if it is ready, or what to answer. A scene that is not there is fetched.
     fn scene(&self, state: &mut State, wanted: &LiveScene) -> Result<Render, LiveAnswer> {
-        let place = state.scenes.iter().position(|(sha256, _)| *sha256 == wanted.sha256);
-        if let Some((sha256, held)) = place.map(|place| state.scenes.remove(place)) {
+        let place = (wanted.sha256.clone(), wanted.entry.clone());
+        let index = state.scenes.iter().position(|(own, _)| *own == place);
+        if let Some((_, held)) = index.map(|index| state.scenes.remove(index)) {
             let found = match &held {
                 Held::Loading => Some(Err(LiveAnswer::Loading)),
                 Held::Ready { identity, .. } if *identity != wanted.identity => {
@@ -142,16 +146,16 @@ impl Painter {
                 Held::Failed { .. } => None,
             };
             if let Some(found) = found {
-                state.scenes.push((sha256, held));
+                state.scenes.push((place, held));
                 return found;
             }
         }
-        self.load(state, wanted.sha256.clone());
+        self.load(state, place);
         Err(LiveAnswer::Loading)
     }
 
     /// Begins to fetch and to read a scene.
-    fn load(&self, state: &mut State, sha256: String) {
+    fn load(&self, state: &mut State, place: Place) {
         // Those being loaded are waited for.
         let is_loading = |held: &Held| matches!(held, Held::Loading);
         if state.scenes.iter().filter(|(_, held)| is_loading(held)).count() >= SCENES {
@@ -163,10 +167,10 @@ impl Painter {
             state.scenes.remove(oldest);
         }
         let Some(own) = self.own.upgrade() else { return };
-        let name = sha256.clone();
+        let wanted = place.clone();
         let thread = std::thread::Builder::new().name("live scene".into()).stack_size(8 << 20);
         let spawned = thread.spawn(move || {
-            let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| own.read(&name)));
+            let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| own.read(&wanted)));
             let held = match read.unwrap_or_else(|_| Err("reading it panicked; see the worker's log".into()))
             {
                 Ok((scene, identity)) => Held::Ready { scene, identity },
@@ -175,19 +179,19 @@ impl Painter {
                     Held::Failed { why, at: Instant::now() }
                 }
             };
-            if let Some(place) = own.lock().scenes.iter_mut().find(|(sha256, _)| *sha256 == name) {
-                place.1 = held;
+            if let Some(scene) = own.lock().scenes.iter_mut().find(|(own, _)| *own == wanted) {
+                scene.1 = held;
             }
         });
         match spawned {
-            Ok(_) => state.scenes.push((sha256, Held::Loading)),
+            Ok(_) => state.scenes.push((place, Held::Loading)),
             Err(error) => log::warn!("a live view: the system refuses a thread: {error}"),
         }
     }
 
-    fn read(&self, sha256: &str) -> Result<(Render, String), String> {
+    fn read(&self, (sha256, entry): &Place) -> Result<(Render, String), String> {
         let told = |error: NoScene| error.to_string();
-        let (path, folder) = self.scenes.scene(sha256, None).map_err(told)?;
+        let (path, folder) = self.scenes.scene(sha256, entry.as_deref()).map_err(told)?;
         let shots = self.reader.open(&Map::new(), &path, &folder)?;
         let identity = shots.identity(0)?;
         let scene = TileScene::new(shots.prepared(), self.reader.service());

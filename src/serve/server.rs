@@ -4,6 +4,7 @@ use super::auth::Auth;
 use super::connections::{Admission, Connections, room_for};
 use super::ledger::{Ledger, LedgerError};
 use super::limits::Limits;
+use super::own_scene::{KeptScene, OwnScene};
 use super::runner::{FarmOptions, Runner};
 use super::state::{Inner, State};
 use super::store::Store;
@@ -51,7 +52,7 @@ pub struct Options {
     /// What one request may ask for.
     pub limits: Limits,
     /// The scene that the live view shows unless another one is asked for.
-    pub scene: Option<PathBuf>,
+    pub scene: Option<OwnScene>,
     /// How units of jobs reach their workers.
     pub farm: FarmOptions,
 }
@@ -115,12 +116,12 @@ impl Stop {
 /// # Errors
 /// [`ServeError`] if it cannot begin.
 pub fn run(
-    options: &Options,
+    options: Options,
     pictures: Arc<dyn Pictures>,
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene, farm } = options.clone();
+    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene, farm } = options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -133,6 +134,7 @@ pub fn run(
     let auth = Auth::open(&data).map_err(failed(&data))?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
+    let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
     let recorder = PrometheusBuilder::new().build_recorder();
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.

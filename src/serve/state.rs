@@ -3,12 +3,12 @@
 use super::auth::Auth;
 use super::connections::Connections;
 use super::ledger::Ledger;
+use super::own_scene::KeptScene;
 use super::runner::Runner;
 use super::store::Store;
 use super::{Limits, Pictures, Problem};
 use axum::http::StatusCode;
 use metrics_exporter_prometheus::PrometheusHandle;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
 
@@ -25,7 +25,7 @@ pub(super) struct Inner {
     pub store: Arc<Store>,
     pub runner: Arc<Runner>,
     pub host_names: Vec<String>,
-    pub own_scene: Option<PathBuf>,
+    pub own_scene: Option<KeptScene>,
     pub is_secure: bool,
     pub is_open_to_drake: bool,
     pub connections: Arc<Connections>,
@@ -80,8 +80,8 @@ impl State {
     }
 
     /// The scene that the live view shows unless another one is asked for.
-    pub(super) fn own_scene(&self) -> Option<&Path> {
-        self.0.own_scene.as_deref()
+    pub(super) fn own_scene(&self) -> Option<&KeptScene> {
+        self.0.own_scene.as_ref()
     }
 
     pub(super) fn is_secure(&self) -> bool {

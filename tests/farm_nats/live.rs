@@ -4,6 +4,7 @@ use crate::secured::Farm;
 use crate::service::Service;
 use crate::viewer::{Frame, Viewer};
 use crate::{Nats, Worker, coordinator, folder, shipped};
+use std::path::Path;
 use std::time::Duration;
 
 /// Of the picture. Its strips are for three.
@@ -23,12 +24,18 @@ fn both(viewer: &Viewer, workers: &[Worker]) -> bool {
     workers.iter().all(|worker| viewer.of(&worker.name, "tiles") > 0)
 }
 
+/// `raystream view` of a scene file.
+fn view(scene: &Path, data: &Path, options: &[&str]) -> Service {
+    let command = ["view", scene.to_str().expect("UTF-8"), "--no-browser"];
+    Service::run(&command, data, options).expect("the service listens")
+}
+
 /// The pixels that a coordinator alone shows from a place.
 fn alone(angle: f32) -> image::RgbImage {
     let data = folder();
     let service = Service::start(data.path(), &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
-    let mut viewer = Viewer::open(&service, &scene, SIZE);
+    let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
     let frame = viewer.until(angle, "a frame in full size", |_, frame| full(frame));
     assert!(!frame.is_shared() && viewer.workers.is_empty(), "without workers nothing changes");
     frame.pixels()
@@ -40,7 +47,7 @@ fn tiles_of_workers_are_the_pixels_of_one_process_and_a_dead_worker_stalls_nothi
     let service = coordinator(data.path(), &nats.url(), &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
     let mut workers = Worker::some(&nats.url(), 2);
-    let mut viewer = Viewer::open(&service, &scene, SIZE);
+    let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
     let frame = viewer.until(0.3, "a frame of all", |viewer, frame| {
         full(frame) && frame.is_shared() && both(viewer, &workers)
     });
@@ -76,7 +83,7 @@ fn a_worker_that_falls_silent_is_waited_for_once_and_comes_back() {
     let service = coordinator(data.path(), &nats.url(), &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
     let workers = Worker::some(&nats.url(), 2);
-    let mut viewer = Viewer::open(&service, &scene, SIZE);
+    let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
     viewer.until(0.3, "a frame of all", |viewer, _| both(viewer, &workers));
     let times: Vec<Duration> = std::thread::scope(|scope| {
         scope.spawn(|| workers[0].process.pause(Duration::from_secs(2)));
@@ -98,7 +105,7 @@ fn workers_render_tiles_with_keys_and_beside_units() {
     let workers = ["worker-1", "worker-2"].map(|name| farm.worker(name));
     let scene = service.upload_file(&shipped("cornell.json"));
     let id = service.submit(&scene, &serde_json::json!({ "size": "64x48", "spp": 256, "seed": 3 }));
-    let mut viewer = Viewer::open(&service, &scene, SIZE);
+    let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
     let done = || service.job(&id)["units_done"].as_u64().expect("a number");
     viewer.until(0.1, "tiles beside units", |viewer, _| both(viewer, &workers) && done() > 3);
     // An edit reaches the workers: they show what one process shows.
@@ -109,7 +116,7 @@ fn workers_render_tiles_with_keys_and_beside_units() {
         let data = folder();
         let service = Service::start(data.path(), &[]);
         let scene = service.upload_file(&shipped("cornell.json"));
-        let mut viewer = Viewer::open(&service, &scene, SIZE);
+        let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
         let plain = viewer.until(0.1, "a frame in full size", |_, frame| full(frame)).pixels();
         viewer.edit(0, &edit);
         let edited = viewer.until(0.1, "a frame in full size", |_, frame| full(frame)).pixels();
@@ -117,4 +124,31 @@ fn workers_render_tiles_with_keys_and_beside_units() {
         edited
     };
     assert!(frame.pixels() == other, "other pixels with an edit");
+}
+
+#[test]
+fn workers_render_tiles_of_a_scene_that_was_never_uploaded() {
+    let (nats, data, own) = (Nats::start(), folder(), folder());
+    // A scene of two files travels as an archive.
+    let materials = "newmtl grey\nKd 0.7 0.6 0.5\nnewmtl lamp\nKd 0 0 0\nKe 9 8 7\n";
+    let mesh = "mtllib room.mtl\nv -2 0 -2\nv 2 0 -2\nv 2 0 2\nv -2 0 2\nv 0 2 0\nv -1 3 -1\nv 1 3 -1\nv 1 3 1\n\
+                usemtl grey\nf 1 4 3 2\nf 1 5 2\nf 2 5 3\nusemtl lamp\nf 6 7 8\n";
+    std::fs::write(own.path().join("room.mtl"), materials).expect("written");
+    let scene = own.path().join("room.obj");
+    std::fs::write(&scene, mesh).expect("written");
+    let service = view(&scene, data.path(), &["--nats", &nats.url(), "--lease", "1"]);
+    let workers = Worker::some(&nats.url(), 2);
+    let mut viewer = Viewer::open(&service, None, SIZE);
+    let frame = viewer.until(0.3, "a frame of all", |viewer, frame| {
+        full(frame) && frame.is_shared() && both(viewer, &workers)
+    });
+    let alone = {
+        let data = folder();
+        let service = view(&scene, data.path(), &[]);
+        let mut viewer = Viewer::open(&service, None, SIZE);
+        let frame = viewer.until(0.3, "a frame in full size", |_, frame| full(frame));
+        assert!(!frame.is_shared() && viewer.workers.is_empty(), "without workers nothing changes");
+        frame.pixels()
+    };
+    assert!(frame.pixels() == alone, "other pixels");
 }

@@ -36,15 +36,16 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Opens a view of a scene, in this size, with a fixed exposure.
-    pub fn open(service: &Service, scene: &str, size: [u32; 2]) -> Self {
+    /// Opens a view of a scene, or of the service's own, in this size, with a fixed exposure.
+    pub fn open(service: &Service, scene: Option<&str>, size: [u32; 2]) -> Self {
+        let query = scene.map_or(String::new(), |scene| format!("?scene={scene}"));
         let host = service.url.strip_prefix("http://").expect("an address");
         let mut stream = TcpStream::connect(host).expect("it listens");
         stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         stream.set_nodelay(true).expect("small messages leave at once");
         write!(
             stream,
-            "GET /api/v1/live?scene={scene} HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+            "GET /api/v1/live{query} HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
              Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
              Authorization: Bearer {}\r\n\r\n",
             service.token

@@ -79,11 +79,17 @@ impl Service {
 
     /// The same; `None` if the service ends before.
     pub fn try_start(data: &Path, options: &[&str]) -> Option<Self> {
+        Self::run(&["serve"], data, options)
+    }
+
+    /// The same for another command that is a service.
+    pub fn run(command: &[&str], data: &Path, options: &[&str]) -> Option<Self> {
         // A file that cannot grow is an error then, not a signal.
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])
             .env("RUST_LOG", "warn")
-            .args(["serve", "--listen", "127.0.0.1:0", "--tracer", "cpu", "--unit-samples", "1000", "--data"])
+            .args(command)
+            .args(["--listen", "127.0.0.1:0", "--tracer", "cpu", "--unit-samples", "1000", "--data"])
             .arg(data)
             .args(options)
             .stdout(Stdio::piped())

@@ -15,11 +15,11 @@ pub use view::run as view;
 
 use super::args::ServeArgs;
 use super::{Outcome, Registry};
-use crate::serve::{FarmOptions, Limits, Options, Stop, TOKEN_FILE, Tls};
+use crate::serve::{FarmOptions, Limits, Options, OwnScene, ScenePack, Stop, TOKEN_FILE, Tls};
 use anyhow::Result;
 #[cfg(feature = "farm")]
 pub use loaded::LoadedScenes;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 pub use studio::Studio;
@@ -34,7 +34,7 @@ pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
 fn serve(
     args: &ServeArgs,
     studio: Arc<Studio>,
-    scene: Option<PathBuf>,
+    scene: Option<&Path>,
     listening: impl FnOnce(&str) + Send + 'static,
 ) -> Result<Outcome> {
     let ServeArgs { listen, data, tls_certificate, tls_key, insecure, name, .. } = args;
@@ -52,6 +52,10 @@ fn serve(
         (limits.head_time, limits.body_pause) = (patience, patience);
     }
     let (farm, _server) = farm(args)?;
+    let scene = scene.map(|path| OwnScene {
+        path: path.to_owned(),
+        pack: if farm.bus.is_some() { packed(&studio, path) } else { None },
+    });
     let options = Options {
         listen: *listen,
         data: data.clone(),
@@ -69,7 +73,7 @@ fn serve(
     let stop = Stop::default();
     listen_for_signals(&stop);
     let token = data.join(TOKEN_FILE);
-    crate::serve::run(&options, studio, &stop, move |address| {
+    crate::serve::run(options, studio, &stop, move |address| {
         let scheme = if is_encrypted { "https" } else { "http" };
         // The token stands behind `#`, which browsers send to no one.
         let page = match std::fs::read_to_string(&token) {
@@ -80,6 +84,17 @@ fn serve(
         listening(&page);
     })?;
     Ok(Outcome::Done)
+}
+
+/// A scene as workers on other machines get it. `None`, with a word in the log, if it cannot be packed.
+fn packed(studio: &Studio, scene: &Path) -> Option<ScenePack> {
+    match studio.pack(scene) {
+        Ok(pack) => Some(pack),
+        Err(error) => {
+            log::warn!("workers do not render views of this scene: {error:#}");
+            None
+        }
+    }
 }
 
 /// How units of jobs reach their workers.

@@ -2,6 +2,7 @@
 
 use super::loaded::LoadedScenes;
 use super::options::{self, Parsed};
+use super::pack::Pack;
 use super::shots::Scene;
 use crate::cli::args::{ServeArgs, UnitArgs, viewer};
 use crate::cli::render::apply_surfaces;
@@ -11,7 +12,7 @@ use crate::engine::PreparedScene;
 use crate::film::tev::Tev;
 use crate::memory::MemoryBudget;
 use crate::schedule::Service;
-use crate::serve::{Demand, Pictures, SceneCache, Shots};
+use crate::serve::{Demand, Pictures, SceneCache, ScenePack, Shots};
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 use std::io::Read;
@@ -78,6 +79,12 @@ impl Studio {
 
     fn parse(&self, options: &Map<String, Value>, scene: &Path, folder: &Path) -> Result<Parsed> {
         options::parse(&self.registry, &self.command, options, scene, folder, self.memory)
+    }
+
+    /// A scene with its files, in the form in which scenes are uploaded.
+    pub fn pack(&self, scene: &Path) -> Result<ScenePack> {
+        let Pack { bytes, sha256, entry, .. } = Pack::of(&self.registry, scene, &[])?;
+        Ok(ScenePack { bytes, sha256, entry })
     }
 
     /// Reads a scene and prepares it.

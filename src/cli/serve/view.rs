@@ -17,7 +17,7 @@ pub fn run(args: &ViewArgs, registry: Registry) -> Result<Outcome> {
     // A scene that cannot be read ends the command, and one that can be is ready when the page asks for it.
     studio.shots(&scene, &folder)?;
     let opens_browser = !args.no_browser && has_display();
-    serve(&args.service, studio, Some(scene), move |page| {
+    serve(&args.service, studio, Some(&scene), move |page| {
         if opens_browser && let Err(error) = open::that_detached(page) {
             log::info!("no browser was started ({error}); open the address in one");
         }

@@ -60,7 +60,7 @@ impl Shared {
                 (format!("w{number}"), address)
             })
             .collect();
-        let scene = LiveScene { sha256: "0".repeat(64), identity: "i".into() };
+        let scene = LiveScene { sha256: "0".repeat(64), entry: None, identity: "i".into() };
         let workforce = (workers > 0).then(|| Workforce::new(bus, scene, move || addresses.clone()));
         let (wake, woken) = channel();
         let view = LiveView::new(stage.with_workers(workforce), move || {

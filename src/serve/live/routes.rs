@@ -69,7 +69,7 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
             }
             (state.store().entry(sha256, None)?, state.store().scene_folder(sha256))
         }
-        (None, Some(own)) => (own.to_owned(), own.parent().unwrap_or(own).to_owned()),
+        (None, Some(own)) => (own.path().to_owned(), own.path().parent().unwrap_or(own.path()).to_owned()),
         (None, None) => return Err(Problem::missing("scene to show")),
     };
     let shots = state.pictures().open(&Map::new(), &path, &folder).map_err(Problem::unprocessable)?;
@@ -79,10 +79,14 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
     };
     let service = Arc::clone(state.pictures().service());
     let stage = Stage::new(name, Arc::new(shots.prepared().clone()), service);
-    // Workers can fetch uploaded scenes alone.
-    let workforce = scene.and_then(|sha256| {
+    // Workers fetch it as an upload.
+    let upload = match scene {
+        Some(sha256) => Some((sha256, None)),
+        None => state.own_scene().and_then(|own| own.upload().cloned()),
+    };
+    let workforce = upload.and_then(|(sha256, entry)| {
         let identity = shots.identity(0).ok()?;
-        state.runner().workforce(LiveScene { sha256, identity })
+        state.runner().workforce(LiveScene { sha256, entry, identity })
     });
     Ok(stage.with_viewer(state.pictures().viewer()).with_workers(workforce))
 }
