@@ -9,6 +9,7 @@ mod borrowed;
 mod caller;
 mod control;
 mod handle;
+mod head_start;
 mod interactive;
 mod job;
 mod latency;

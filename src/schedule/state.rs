@@ -1,6 +1,7 @@
 //! The scheduler as a state machine: all jobs and all threads, without lock or clock. The service's threads drive it
 //! under one mutex (`service.rs`), the simulator drives it from one thread (`tests/simulator.rs`).
 
+use super::head_start::HeadStarts;
 use super::job::Job;
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
@@ -83,6 +84,8 @@ pub(super) struct Ended {
 struct Admitted {
     id: JobId,
     submission: Submission,
+    /// [`Turn::served`] where the job's head start ends.
+    own_turn: u64,
     submitted_ns: u64,
     /// When the job was admitted, and each thread's idle time up to then.
     begin_ns: u64,
@@ -122,6 +125,7 @@ pub(super) struct State {
     /// The most jobs of each lane.
     most: [usize; Lane::ALL.len()],
     sharing: Sharing,
+    head_starts: HeadStarts,
     /// Registered interactive clients.
     clients: usize,
     jobs: Vec<Admitted>,
@@ -149,6 +153,7 @@ impl State {
             dispatching: 0,
             most: [max_jobs, max_queries, max_queries],
             sharing,
+            head_starts: HeadStarts::default(),
             clients: 0,
             jobs: Vec::with_capacity(max_jobs),
             turns: Vec::with_capacity(max_jobs),
@@ -169,6 +174,7 @@ impl State {
         let job = Admitted {
             id,
             submission,
+            own_turn: 0,
             submitted_ns: now_ns,
             begin_ns: now_ns,
             idle_ns: Vec::with_capacity(threads),
@@ -305,7 +311,9 @@ impl State {
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
         self.dispatching += usize::from(matches!(choice.rule, Rule::Dispatch | Rule::Stage));
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
-        self.turns[choice.job].served += rays;
+        let served = &mut self.turns[choice.job].served;
+        self.head_starts.count(rays, job.own_turn.saturating_sub(*served).min(rays));
+        *served += rays;
         self.refresh_view(choice.job);
         work
     }
@@ -392,11 +400,12 @@ impl State {
             while let Some(index) = self.next_to_admit(lane) {
                 let mut job = self.waiting.remove(index).expect("the job that was found");
                 job.begin(now_ns, &self.threads);
-                // As if it had had one turn less than the least served job, but for one ray: it is served at once, but
-                // with 0 it would get all threads until it had caught up.
+                // As if it had had one turn less than the least served job, but for its head start: it is served at
+                // once, but with 0 it would get all threads until it had caught up.
                 let priority = job.submission.priority;
                 let least = self.least_served(priority);
-                let served = (least - least % policy::TURN_RAYS).saturating_sub(1);
+                job.own_turn = least - least % policy::TURN_RAYS;
+                let served = job.own_turn - self.head_starts.take();
                 self.turns.push(Turn { view: job.submission.job.view(), priority, served });
                 self.jobs.push(job);
                 // A job without tiles is over at once.
@@ -414,16 +423,18 @@ impl State {
         next.map(|(index, _)| index).filter(|_| running < self.most[lane as usize])
     }
 
-    /// Rays given to the job of a priority that has got the fewest.
+    /// Rays given to the job of a priority that has got the fewest. The first job counts as if it had had a turn, so
+    /// that others can have had less.
     fn least_served(&self, priority: Priority) -> u64 {
         let turns = self.turns.iter().filter(|turn| turn.priority == priority);
-        turns.map(|turn| turn.served).min().unwrap_or(0)
+        turns.map(|turn| turn.served).min().map_or(policy::TURN_RAYS, |least| least.max(policy::TURN_RAYS))
     }
 
     fn end_if_over(&mut self, index: usize, now_ns: u64) {
         if self.jobs[index].submission.job.is_over() {
             let job = self.jobs.remove(index);
-            self.turns.remove(index);
+            let turn = self.turns.remove(index);
+            self.head_starts.give_back(job.own_turn.saturating_sub(turn.served));
             self.end(job, now_ns);
         }
     }

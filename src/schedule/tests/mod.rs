@@ -2,6 +2,7 @@
 
 mod example;
 mod gated;
+mod head_start;
 mod ledger;
 mod lifecycle;
 mod policy;
