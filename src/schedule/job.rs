@@ -169,20 +169,25 @@ impl<R: Renderer> TypedJob<R> {
         self.unit != Unit::Cpu
     }
 
-    fn take(&mut self, rule: Rule, size: TaskSize) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
+    fn take(
+        &mut self,
+        thread: usize,
+        rule: Rule,
+        size: TaskSize,
+    ) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
         match rule {
             Rule::Spawn => {
                 let tile = self.next_tile;
                 self.next_tile += 1;
-                let output = self.lists.output();
+                let output = self.lists.output(thread);
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
                 let paths = self.paths(&output) + tile_rays;
                 (Task::Spawn { tile, output }, TaskAccount::new(TaskKind::Spawn, paths, 0))
             }
             Rule::Shade => {
-                let input = self.lists.next_to_shade();
-                let output = self.lists.output();
+                let input = self.lists.next_to_shade(thread);
+                let output = self.lists.output(thread);
                 let (rays, shadow_rays) = (input.rays_left(), input.shadow_rays_left());
                 let input_paths = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
                 let paths = self.paths(&output) + input_paths;
@@ -200,20 +205,21 @@ impl<R: Renderer> TypedJob<R> {
                     self.has_device(),
                     self.limits(),
                 );
-                let chunk =
-                    self.lists.next_chunk(most.min(policy::most_rays(size, self.tracing(), self.limits())));
+                let chunk = self
+                    .lists
+                    .next_chunk(most.min(policy::most_rays(size, self.tracing(), self.limits())), thread);
                 let rays = chunk.len() as u64;
                 (Task::Trace(chunk), TaskAccount::new(TaskKind::Trace, 0, rays))
             }
             Rule::Dispatch => {
-                let (stream, full_ns) = self.lists.next_to_dispatch();
+                let (stream, full_ns) = self.lists.next_to_dispatch(thread);
                 let rays = (stream.rays() + stream.shadow_rays()) as u64;
                 let paths = self.paths(&stream);
                 let account = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
                 (Task::Dispatch(stream), account)
             }
             Rule::Stage => {
-                let stream = self.lists.next_to_stage();
+                let stream = self.lists.next_to_stage(thread);
                 let rays = (stream.rays() + stream.shadow_rays()) as u64;
                 let account = TaskAccount::new(TaskKind::Stage, self.paths(&stream), rays);
                 (Task::Stage(stream), account)
@@ -232,6 +238,7 @@ impl<R: Renderer> TypedJob<R> {
         &mut self,
         account: TaskAccount,
         done: Done<R::Payload, R::ShadowPayload>,
+        thread: usize,
         (start_ns, end_ns): (u64, u64),
     ) -> u64 {
         match done {
@@ -240,7 +247,7 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.camera += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 self.end_paths(account, self.paths(&output));
-                self.lists.put_back_output(output, self.threshold(), end_ns);
+                self.lists.put_back_output(output, self.threshold(), (thread, end_ns));
                 emitted.rays + emitted.shadow_rays
             }
             Done::Shaded { input, output, emitted, depths } => {
@@ -249,13 +256,13 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
                 self.end_paths(account, self.paths(&output) + rays_left);
-                self.lists.put_back_output(output, self.threshold(), end_ns);
-                self.lists.put_back_shaded(input);
+                self.lists.put_back_output(output, self.threshold(), (thread, end_ns));
+                self.lists.put_back_shaded(input, thread);
                 account.rays - rays_left as u64
             }
             Done::Traced(chunk) => {
                 self.progress.cpu_rays += account.rays;
-                self.lists.put_back_chunk(chunk);
+                self.lists.put_back_chunk(chunk, thread);
                 account.rays
             }
             Done::Dispatched { stream, report } => {
@@ -271,11 +278,11 @@ impl<R: Renderer> TypedJob<R> {
                 let waits = &mut self.report.device_waits;
                 waits.full_to_dispatched.record(waited_ns + report.sending_ns);
                 waits.dispatched_to_readable.record(report.waiting_ns);
-                self.lists.put_back_dispatched(stream);
+                self.lists.put_back_dispatched(stream, thread);
                 account.rays
             }
             Done::Undispatched(Untraced { stream, reason }) => {
-                self.lists.put_back_untraced(stream, end_ns);
+                self.lists.put_back_untraced(stream, (thread, end_ns));
                 if self.has_device() {
                     (self.unit, self.shading) = (Unit::Cpu, Unit::Cpu);
                     let device = &self.shared.device_name;
@@ -286,7 +293,7 @@ impl<R: Renderer> TypedJob<R> {
                 0
             }
             Done::Staged { stream, report } => {
-                self.lists.put_back_staged(stream);
+                self.lists.put_back_staged(stream, thread);
                 self.note_staging(Pace { rays: account.rays, ns: end_ns - start_ns }, report);
                 account.rays
             }
@@ -342,7 +349,7 @@ impl<R: Renderer> Job for TypedJob<R> {
     }
 
     fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64 {
-        let (task, account) = self.take(rule, size);
+        let (task, account) = self.take(thread, rule, size);
         assert!(self.in_flight <= self.limits().in_flight, "no more than N paths are in flight");
         self.report.max_in_flight = self.report.max_in_flight.max(self.in_flight);
         self.tasks += 1;
@@ -366,7 +373,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             TaskKind::Dispatch => self.dispatch_ns += ns,
             TaskKind::Spawn | TaskKind::Shade | TaskKind::Stage => {}
         }
-        let rays = self.put_back(account, done, (start_ns, end_ns));
+        let rays = self.put_back(account, done, thread, (start_ns, end_ns));
         if account.kind == TaskKind::Shade {
             let pace = if account.is_staged { &mut self.rates.staged } else { &mut self.rates.alone };
             *pace += Pace { rays, ns };

@@ -5,11 +5,11 @@ use crate::stream::{Chunk, Empty, Filling, Full, RayStream, Traced, TracedChunk,
 use std::collections::VecDeque;
 
 /// EMPTY, NEEDMORE, TRACE, the job slot and SHADE. All but TRACE are stacks, because the stream used last is still in
-/// the cache.
+/// the cache. A thread takes the last stream that it used itself, if there is one: others are in other cores' caches.
 pub(super) struct Lists<P, S> {
     limits: Limits,
-    empty: Vec<RayStream<Empty, P, S>>,
-    need_more: Vec<RayStream<Filling, P, S>>,
+    empty: Vec<Used<RayStream<Empty, P, S>>>,
+    need_more: Vec<Used<RayStream<Filling, P, S>>>,
     /// The device takes the oldest stream, host threads take the newest.
     trace: VecDeque<Waiting<P, S>>,
     /// Rays and shadow rays in TRACE.
@@ -19,13 +19,13 @@ pub(super) struct Lists<P, S> {
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
     /// Streams of SHADE that have been neither staged nor shaded.
-    shade: Vec<RayStream<Traced, P, S>>,
+    shade: Vec<Used<RayStream<Traced, P, S>>>,
     /// Rays and shadow rays in `shade`.
     unstaged_rays: usize,
     /// Streams of SHADE that have been staged, or have no rays, and have not been shaded at all.
-    staged: Vec<RayStream<Traced, P, S>>,
+    staged: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams of SHADE that have been shaded in part. They are taken before all others, so they are few.
-    begun: Vec<RayStream<Traced, P, S>>,
+    begun: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams allocated so far, in the lists or with threads.
     made: usize,
 }
@@ -33,14 +33,30 @@ pub(super) struct Lists<P, S> {
 /// A stream of TRACE, and when it entered.
 struct Waiting<P, S> {
     stream: RayStream<Full, P, S>,
+    /// The thread that has filled it.
+    thread: usize,
     since_ns: u64,
+}
+
+/// A stream, and the thread that has used it last.
+struct Used<T> {
+    stream: T,
+    thread: usize,
+}
+
+/// Takes the last stream that a thread has used, or else the last one.
+fn take_last<T>(list: &mut Vec<Used<T>>, thread: usize) -> Option<T> {
+    let last = list.len().checked_sub(1)?;
+    let index = list.iter().rposition(|used| used.thread == thread).unwrap_or(last);
+    Some(list.remove(index).stream)
 }
 
 impl<P, S> Lists<P, S> {
     /// Lists that start with the streams that another job has left.
-    pub fn new(limits: Limits, mut empty: Vec<RayStream<Empty, P, S>>) -> Self {
-        empty.truncate(limits.streams);
-        empty.reserve_exact(limits.streams - empty.len());
+    pub fn new(limits: Limits, streams: Vec<RayStream<Empty, P, S>>) -> Self {
+        let mut empty = Vec::with_capacity(limits.streams);
+        let streams = streams.into_iter().take(limits.streams);
+        empty.extend(streams.map(|stream| Used { stream, thread: usize::MAX }));
         let made = empty.len();
         Self {
             limits,
@@ -100,20 +116,20 @@ impl<P, S> Lists<P, S> {
 
     /// Rays and shadow rays in the fullest stream of NEEDMORE.
     pub fn need_more_rays(&self) -> usize {
-        let sizes = self.need_more.iter().map(weight);
+        let sizes = self.need_more.iter().map(|used| weight(&used.stream));
         sizes.max().unwrap_or(0)
     }
 
-    /// A stream with room for one more tile or batch: the fullest of NEEDMORE, so that small streams stay few, or one
-    /// of EMPTY.
+    /// A stream with room for one more tile or batch: the fullest of NEEDMORE that the thread has filled, or else of
+    /// all, so that small streams stay few; or one of EMPTY.
     ///
     /// # Panics
     /// If there is none. The README proves that there is always one.
-    pub fn output(&mut self) -> RayStream<Filling, P, S> {
-        if let Some(stream) = self.take_fullest() {
+    pub fn output(&mut self, thread: usize) -> RayStream<Filling, P, S> {
+        if let Some(stream) = self.take_fullest(thread) {
             return stream;
         }
-        let empty = self.empty.pop().unwrap_or_else(|| {
+        let empty = take_last(&mut self.empty, thread).unwrap_or_else(|| {
             assert!(self.made < self.limits.streams, "there is always an output stream");
             self.made += 1;
             RayStream::new()
@@ -123,13 +139,18 @@ impl<P, S> Lists<P, S> {
 
     /// Puts an output stream back: into TRACE if it has at least `threshold` paths, into EMPTY if it has none, else
     /// into NEEDMORE.
-    pub fn put_back_output(&mut self, stream: RayStream<Filling, P, S>, threshold: usize, now_ns: u64) {
+    pub fn put_back_output(
+        &mut self,
+        stream: RayStream<Filling, P, S>,
+        threshold: usize,
+        (thread, now_ns): (usize, u64),
+    ) {
         match paths(stream.rays(), stream.shadow_rays(), self.limits.shadow_rays_per_path) {
-            0 => self.empty.push(stream.unfill()),
-            paths if paths < threshold => self.need_more.push(stream),
+            0 => self.empty.push(Used { stream: stream.unfill(), thread }),
+            paths if paths < threshold => self.need_more.push(Used { stream, thread }),
             _ => {
                 self.trace_rays += weight(&stream);
-                self.trace.push_back(Waiting { stream: stream.seal(), since_ns: now_ns });
+                self.trace.push_back(Waiting { stream: stream.seal(), thread, since_ns: now_ns });
             }
         }
     }
@@ -138,45 +159,45 @@ impl<P, S> Lists<P, S> {
     ///
     /// # Panics
     /// If SHADE is empty.
-    pub fn next_to_shade(&mut self) -> RayStream<Traced, P, S> {
-        let ready = self.begun.pop().or_else(|| self.staged.pop());
-        ready.or_else(|| self.take_unstaged()).expect("SHADE has a stream")
+    pub fn next_to_shade(&mut self, thread: usize) -> RayStream<Traced, P, S> {
+        let ready = take_last(&mut self.begun, thread).or_else(|| take_last(&mut self.staged, thread));
+        ready.or_else(|| self.take_unstaged(thread)).expect("SHADE has a stream")
     }
 
     /// The next stream to stage.
     ///
     /// # Panics
     /// If there is none.
-    pub fn next_to_stage(&mut self) -> RayStream<Traced, P, S> {
-        self.take_unstaged().expect("SHADE has a stream that is not staged")
+    pub fn next_to_stage(&mut self, thread: usize) -> RayStream<Traced, P, S> {
+        self.take_unstaged(thread).expect("SHADE has a stream that is not staged")
     }
 
     /// Puts a stream back that a device has staged, or failed to stage.
-    pub fn put_back_staged(&mut self, stream: RayStream<Traced, P, S>) {
-        self.put_traced(stream);
+    pub fn put_back_staged(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
+        self.put_traced(stream, thread);
     }
 
-    fn take_unstaged(&mut self) -> Option<RayStream<Traced, P, S>> {
-        let stream = self.shade.pop()?;
+    fn take_unstaged(&mut self, thread: usize) -> Option<RayStream<Traced, P, S>> {
+        let stream = take_last(&mut self.shade, thread)?;
         self.unstaged_rays -= weight(&stream);
         Some(stream)
     }
 
-    fn put_traced(&mut self, stream: RayStream<Traced, P, S>) {
+    fn put_traced(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
         if stream.is_staged() || stream.rays() == 0 {
-            self.staged.push(stream);
+            self.staged.push(Used { stream, thread });
         } else {
             self.unstaged_rays += weight(&stream);
-            self.shade.push(stream);
+            self.shade.push(Used { stream, thread });
         }
     }
 
     /// Puts a stream back that has been shaded: into EMPTY if no rays are left, else into SHADE.
-    pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>) {
+    pub fn put_back_shaded(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
         if stream.rays_left() == 0 {
-            self.empty.push(stream.recycle());
+            self.empty.push(Used { stream: stream.recycle(), thread });
         } else {
-            self.begun.push(stream);
+            self.begun.push(Used { stream, thread });
         }
     }
 
@@ -185,11 +206,13 @@ impl<P, S> Lists<P, S> {
     ///
     /// # Panics
     /// If all three are empty.
-    pub fn next_chunk(&mut self, most: usize) -> Chunk {
+    pub fn next_chunk(&mut self, most: usize, thread: usize) -> Chunk {
         let mut slot = self.slot.take().unwrap_or_else(|| {
-            let newest = self.trace.pop_back().map(|waiting| waiting.stream);
+            let own = self.trace.iter().rposition(|waiting| waiting.thread == thread);
+            let newest = own.or(self.trace.len().checked_sub(1)).and_then(|index| self.trace.remove(index));
+            let newest = newest.map(|waiting| waiting.stream);
             self.trace_rays -= newest.as_ref().map_or(0, weight);
-            newest.or_else(|| self.flush()).expect("there is a stream to trace").open()
+            newest.or_else(|| self.flush(thread)).expect("there is a stream to trace").open()
         });
         // Equal chunks: a small rest at the end would not be worth a task.
         let parts = slot.left().div_ceil(most);
@@ -203,7 +226,7 @@ impl<P, S> Lists<P, S> {
     }
 
     /// Puts a traced chunk back. With its last chunk a stream goes to SHADE.
-    pub fn put_back_chunk(&mut self, chunk: TracedChunk) {
+    pub fn put_back_chunk(&mut self, chunk: TracedChunk, thread: usize) {
         if let Some(slot) = self.slot.as_mut().filter(|stream| stream.owns(&chunk)) {
             slot.put_back(chunk);
             return;
@@ -213,7 +236,7 @@ impl<P, S> Lists<P, S> {
         self.handed_out[index].put_back(chunk);
         if self.handed_out[index].is_traced() {
             let stream = self.handed_out.swap_remove(index).close();
-            self.put_traced(stream);
+            self.put_traced(stream, thread);
         }
     }
 
@@ -221,42 +244,43 @@ impl<P, S> Lists<P, S> {
     ///
     /// # Panics
     /// If both are empty.
-    pub fn next_to_dispatch(&mut self) -> (RayStream<Full, P, S>, Option<u64>) {
-        if let Some(Waiting { stream, since_ns }) = self.trace.pop_front() {
+    pub fn next_to_dispatch(&mut self, thread: usize) -> (RayStream<Full, P, S>, Option<u64>) {
+        if let Some(Waiting { stream, since_ns, .. }) = self.trace.pop_front() {
             self.trace_rays -= weight(&stream);
             return (stream, Some(since_ns));
         }
-        (self.flush().expect("there is a stream to dispatch"), None)
+        (self.flush(thread).expect("there is a stream to dispatch"), None)
     }
 
     /// Puts a stream back that the device has traced.
-    pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>) {
-        self.put_traced(stream);
+    pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
+        self.put_traced(stream, thread);
     }
 
     /// Puts a stream back that the device failed to trace.
-    pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>, now_ns: u64) {
+    pub fn put_back_untraced(&mut self, stream: RayStream<Full, P, S>, (thread, now_ns): (usize, u64)) {
         self.trace_rays += weight(&stream);
-        self.trace.push_front(Waiting { stream, since_ns: now_ns });
+        self.trace.push_front(Waiting { stream, thread, since_ns: now_ns });
     }
 
-    fn flush(&mut self) -> Option<RayStream<Full, P, S>> {
-        self.take_fullest().map(RayStream::seal)
+    fn flush(&mut self, thread: usize) -> Option<RayStream<Full, P, S>> {
+        self.take_fullest(thread).map(RayStream::seal)
     }
 
-    fn take_fullest(&mut self) -> Option<RayStream<Filling, P, S>> {
-        let sizes = self.need_more.iter().map(weight);
-        let (index, _) = sizes.enumerate().max_by_key(|&(_, size)| size)?;
-        Some(self.need_more.swap_remove(index))
+    fn take_fullest(&mut self, thread: usize) -> Option<RayStream<Filling, P, S>> {
+        let order = self.need_more.iter().map(|used| (used.thread == thread, weight(&used.stream)));
+        let (index, _) = order.enumerate().max_by_key(|&(_, order)| order)?;
+        Some(self.need_more.swap_remove(index).stream)
     }
 
     /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
-        let Self { mut empty, need_more, trace, slot, handed_out, shade, staged, begun, .. } = self;
-        empty.extend(need_more.into_iter().map(RayStream::discard));
+        let Self { empty, need_more, trace, slot, handed_out, shade, staged, begun, .. } = self;
+        let mut empty: Vec<_> = empty.into_iter().map(|used| used.stream).collect();
+        empty.extend(need_more.into_iter().map(|used| used.stream.discard()));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
-        empty.extend(shade.into_iter().chain(staged).chain(begun).map(RayStream::discard));
+        empty.extend(shade.into_iter().chain(staged).chain(begun).map(|used| used.stream.discard()));
         empty
     }
 
@@ -265,11 +289,11 @@ impl<P, S> Lists<P, S> {
     pub fn count(&self) -> (usize, usize) {
         let weigh = |rays, shadow_rays| paths(rays, shadow_rays, self.limits.shadow_rays_per_path);
         let mut sizes = vec![0; self.empty.len()];
-        sizes.extend(self.need_more.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.need_more.iter().map(|s| weigh(s.stream.rays(), s.stream.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.staged).chain(&self.begun);
-        sizes.extend(traced.map(|s| weigh(s.rays_left(), s.shadow_rays_left())));
+        sizes.extend(traced.map(|s| weigh(s.stream.rays_left(), s.stream.shadow_rays_left())));
         assert_eq!(
             self.trace_rays,
             self.trace.iter().map(|w| weight(&w.stream)).sum::<usize>(),
@@ -277,7 +301,7 @@ impl<P, S> Lists<P, S> {
         );
         assert_eq!(
             self.unstaged_rays,
-            self.shade.iter().map(weight).sum::<usize>(),
+            self.shade.iter().map(|used| weight(&used.stream)).sum::<usize>(),
             "and those to be staged"
         );
         (sizes.len(), sizes.iter().sum())
@@ -287,4 +311,17 @@ impl<P, S> Lists<P, S> {
 /// Rays and shadow rays of a stream.
 fn weight<State, P, S>(stream: &RayStream<State, P, S>) -> usize {
     stream.rays() + stream.shadow_rays()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Used, take_last};
+
+    #[test]
+    fn a_thread_takes_its_own_last_stream_or_else_the_last() {
+        let mut list: Vec<_> =
+            [(10, 0), (11, 1), (12, 0), (13, 1)].map(|(stream, thread)| Used { stream, thread }).into();
+        let taken = [0, 0, 0, 7, 7].map(|thread| take_last(&mut list, thread));
+        assert_eq!(taken, [Some(12), Some(10), Some(13), Some(11), None]);
+    }
 }
