@@ -10,7 +10,7 @@ pub(super) struct Lists<P, S> {
     limits: Limits,
     empty: Vec<Used<RayStream<Empty, P, S>>>,
     need_more: Vec<Used<RayStream<Filling, P, S>>>,
-    /// The device takes the oldest stream, host threads take the newest.
+    /// The device takes the oldest stream, a host thread the newest that it has filled, or else the newest.
     trace: VecDeque<Waiting<P, S>>,
     /// Rays and shadow rays in TRACE.
     trace_rays: usize,
