@@ -72,6 +72,19 @@ impl Client {
         self.wait(what, |client| client.view.take_frame().filter(&is_it))
     }
 
+    /// A moving frame of this generation, or of a later one: one that is not taken at once is replaced by the full
+    /// picture, and the camera has to move again.
+    fn moving(&mut self, generation: u32) -> Frame {
+        for generation in generation..generation + 20 {
+            let frame = self.frame("a frame of a pose", |frame| frame.generation == generation);
+            if frame.flags.moving {
+                return frame;
+            }
+            self.look_from(generation + 1, Vec3::new(4.0, 0.1 * generation as f32, 0.0));
+        }
+        panic!("the first frame of a pose is a small one")
+    }
+
     fn last(&mut self, generation: u32) -> Frame {
         self.frame("the last frame", |frame| frame.generation == generation && frame.flags.last)
     }
@@ -101,9 +114,9 @@ fn a_view_shows_a_small_frame_and_then_the_full_picture() {
         (&*hello.0, hello.1.eye, &*hello.2),
         ("sphere", Vec3::new(0.0, 0.0, 4.0), &["grey".to_owned()][..])
     );
-    let first = client.frame("a moving frame", |frame| frame.flags.moving);
+    let first = client.moving(0);
     assert_eq!((first.size, first.spp), ([16, 9], 1));
-    let last = client.last(0);
+    let last = client.last(first.generation);
     assert_eq!((last.size, last.spp), ([64, 36], 8));
     assert!(last.sequence > first.sequence);
     let state = |reply: &Reply| match reply {
@@ -118,9 +131,8 @@ fn a_move_cancels_the_full_picture_and_shows_another_one() {
     let mut client = Client::new(1 << 20);
     client.frame("a pass", |frame| !frame.flags.moving);
     client.look_from(1, Vec3::new(4.0, 0.0, 0.0));
-    let next = client.frame("a frame of the new pose", |frame| frame.generation == 1);
-    assert!(next.flags.moving, "the first frame of a pose is a small one");
-    client.frame("a pass of the new pose", |frame| frame.generation == 1 && !frame.flags.moving);
+    let next = client.moving(1).generation;
+    client.frame("a pass of the new pose", |frame| frame.generation == next && !frame.flags.moving);
 }
 
 #[test]
