@@ -82,14 +82,14 @@ fn text<'a>(value: &'a Value, name: &str) -> &'a str {
 pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
     let client = Client::new(&args.client)?;
     let pack = Pack::of(registry, &args.scene, &args.options)?;
-    let path = format!("/api/v1/scenes/{}", pack.sha256);
+    let path = format!("/api/v1/scenes/{}", pack.scene.sha256);
     let head = client.told(client.agent.head(client.url(&path))).call();
     if head.map_or(0, |answer| answer.status().as_u16()) != 200 {
         let request = client.told(client.agent.put(client.url(&path)));
-        client.answered(request.send(&pack.bytes[..]))?;
+        client.answered(request.send(&pack.scene.bytes[..]))?;
     }
     let request = json!({
-        "scene": pack.sha256, "entry": pack.entry, "options": pack.options, "priority": args.priority,
+        "scene": pack.scene.sha256, "entry": pack.scene.entry, "options": pack.options, "priority": args.priority,
     });
     let job = client.post("/api/v1/jobs", &request, args.idempotency_key.as_deref())?;
     if args.client.json {

@@ -4,7 +4,7 @@ use super::options::{ALLOWED, told};
 use crate::cli::args::{Cli, Command, RenderArgs};
 use crate::cli::render::views;
 use crate::cli::{Registry, scene_file};
-use crate::serve::hex;
+use crate::serve::{ScenePack, hex};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, FromArgMatches};
@@ -17,10 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// What is sent for a scene and options.
 pub struct Pack {
-    pub bytes: Vec<u8>,
-    pub sha256: String,
-    /// The scene file in a pack of several.
-    pub entry: Option<String>,
+    pub scene: ScenePack,
     pub options: Map<String, Value>,
 }
 
@@ -57,7 +54,7 @@ impl Pack {
         let bytes = if is_single { std::fs::read(folder.join(&entry))? } else { zip(&folder, &files)? };
         let sha256 = hex(&Sha256::digest(&bytes));
         let entry = if is_single { None } else { Some(slashes(&entry)?) };
-        Ok(Self { bytes, sha256, entry, options })
+        Ok(Self { scene: ScenePack { bytes, sha256, entry }, options })
     }
 }
 

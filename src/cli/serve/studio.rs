@@ -83,8 +83,7 @@ impl Studio {
 
     /// A scene with its files, in the form in which scenes are uploaded.
     pub fn pack(&self, scene: &Path) -> Result<ScenePack> {
-        let Pack { bytes, sha256, entry, .. } = Pack::of(&self.registry, scene, &[])?;
-        Ok(ScenePack { bytes, sha256, entry })
+        Ok(Pack::of(&self.registry, scene, &[])?.scene)
     }
 
     /// Reads a scene and prepares it.
