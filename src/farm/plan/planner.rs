@@ -194,11 +194,14 @@ impl Simulator<'_> {
     }
 
     fn next_unit(&mut self) -> Option<(Flight, bool)> {
+        let open = self.jobs.iter().map(|run| run.frames.len()).sum();
+        let more = self.jobs.iter().any(|run| run.next_frame < run.job.frames);
+        let sizes = Sizes { at_once: decisions::at_once(self.slots, open, more), ..Sizes::default() };
         let mut runs: Vec<&mut Run> = self.jobs.iter_mut().filter(|run| !run.frames.is_empty()).collect();
         let (mut flight, is_cut) = decisions::next(&mut runs, |run| {
             let (job, speed) = (run.seq as u32, run.speed);
             run.frames.iter_mut().find_map(|(number, frame)| {
-                let (row, is_cut) = frame.units.take(*number, Sizes::default(), speed)?;
+                let (row, is_cut) = frame.units.take(*number, sizes, speed)?;
                 let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
                 let flight = Flight {
                     job,

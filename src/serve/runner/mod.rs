@@ -112,6 +112,8 @@ struct Run {
     /// How fast its units are.
     speed: Speed,
     frames: BTreeMap<u32, Arc<OpenFrame>>,
+    /// Whether it has frames that are neither open nor being opened.
+    has_more: bool,
     /// The tasks under way: which, and what steers it.
     tasks: Vec<(TaskKey, Arc<UnitWatch>)>,
     /// No task begins before.
@@ -229,8 +231,8 @@ impl Runner {
     }
 
     /// How units are cut.
-    fn sizes(&self) -> Sizes {
-        Sizes { samples: self.limits.unit_samples, random: self.farm.random_units }
+    fn sizes(&self, at_once: usize) -> Sizes {
+        Sizes { samples: self.limits.unit_samples, random: self.farm.random_units, at_once }
     }
 
     /// How long a unit's holder may be silent before it counts as gone: less than a lease, so that whoever gets the

@@ -80,6 +80,7 @@ impl Runner {
                 given: entry,
                 speed: Default::default(),
                 frames: BTreeMap::new(),
+                has_more: false,
                 tasks: Vec::new(),
                 rests_until: None,
             });
@@ -132,7 +133,11 @@ impl Runner {
             let of_frame = |key: &TaskKey| key.frame() == Some(frame);
             open.contains(&frame) || under_way.iter().any(of_frame)
         };
-        let Some(frame) = frames.into_iter().find(|frame| !is_busy(*frame)) else { return Ok(()) };
+        let next = frames.into_iter().find(|frame| !is_busy(*frame));
+        if let Some(run) = self.state().runs.get_mut(&job.id) {
+            run.has_more = next.is_some();
+        }
+        let Some(frame) = next else { return Ok(()) };
         if job.demand.kind == Kind::Seconds {
             if under_way.len() < UNITS_IN_FLIGHT as usize {
                 self.give(job, Task::Whole { frame }, &under_way);
@@ -198,10 +203,11 @@ impl Runner {
     fn choose_units(&self) -> Vec<Offer> {
         let state = &mut *self.state();
         let heard = self.bus.lease_time().max(Duration::from_secs(2));
-        let wanted = decisions::wanted(state.workers.slots(heard));
+        let slots = state.workers.slots(heard);
+        let wanted = decisions::wanted(slots);
         let mut offers = Vec::new();
         while state.outstanding.len() < wanted
-            && let Some(offer) = next_comparison(state).or_else(|| self.next_unit(state))
+            && let Some(offer) = next_comparison(state).or_else(|| self.next_unit(state, slots))
         {
             let outstanding =
                 Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: None };
@@ -212,11 +218,14 @@ impl Runner {
         offers
     }
 
-    fn next_unit(&self, state: &mut State) -> Option<Offer> {
+    fn next_unit(&self, state: &mut State, slots: usize) -> Option<Offer> {
+        let open = state.runs.values().map(|run| run.frames.len()).sum();
+        let more = state.runs.values().any(|run| run.has_more);
+        let sizes = self.sizes(decisions::at_once(slots, open, more));
         let mut runs: Vec<&mut Run> = state.runs.values_mut().filter(|run| !run.frames.is_empty()).collect();
         decisions::next(&mut runs, |run| {
             run.frames.values().find_map(|frame| {
-                let (row, blocks, is_new) = frame.take(self.sizes(), run.speed)?;
+                let (row, blocks, is_new) = frame.take(sizes, run.speed)?;
                 let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
                 let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
                 Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))

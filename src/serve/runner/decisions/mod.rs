@@ -14,7 +14,7 @@ pub use cut::{BLOCK_PIXELS, Sizes, Speed};
 pub use fair::{Candidate, Share, entry, next};
 pub use folding::{MOST_FILES, is_to_be_folded};
 pub use leases::{Asked, Begin, Holding, begin, is_compared, is_lost, patience};
-pub use offers::{wanted, wants_frame};
+pub use offers::{at_once, wanted, wants_frame};
 pub use pass_units::PassUnits;
 
 use std::time::Duration;

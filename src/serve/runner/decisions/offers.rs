@@ -26,9 +26,20 @@ pub fn wants_frame(open: usize, opening: usize, all: usize, is_short: bool) -> b
     (open + opening == 0 || is_short) && opening < OPENING && (open == 0 || all < OPEN_FRAMES)
 }
 
+/// How many units of each of so many open frames are rendered at the same time at the end of the last ones, for
+/// [`super::Sizes`]. 0 if there are `more` frames to be opened.
+pub fn at_once(slots: usize, open: usize, more: bool) -> usize {
+    if more { 0 } else { slots.div_ceil(open.max(1)) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slots_are_shared_by_the_last_frames() {
+        assert_eq!([at_once(8, 1, false), at_once(8, 3, false), at_once(8, 1, true)], [8, 3, 0]);
+    }
 
     #[test]
     fn each_slot_has_a_unit_and_one_that_waits() {

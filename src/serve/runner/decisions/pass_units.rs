@@ -89,7 +89,7 @@ mod tests {
     #[test]
     fn units_that_come_back_are_offered_before_new_ones() {
         let mut units = PassUnits::new(0, Pass::new(Blocks::new(320, 200).in_order(), 0..16));
-        let sizes = Sizes { samples: Some(1 << 16), random: None };
+        let sizes = Sizes { samples: Some(1 << 16), ..Sizes::default() };
         let take = |units: &mut PassUnits| units.take(0, sizes, Speed::default());
         let (first, second) = (take(&mut units).expect("one"), take(&mut units).expect("another"));
         assert!(first.1 && second.1);
