@@ -162,7 +162,8 @@ fn a_slow_network_is_the_limit() {
 
 #[test]
 fn ten_thousand_machines_render_a_still() {
-    let found = predict(&farm(10_000), &Costs::default(), &PlannedJob::still());
+    let still = FramesJob { size: (1920, 1080), ..job(1, 512) };
+    let found = predict(&farm(10_000), &Costs::default(), &of(still));
     assert!(found.failed.is_none() && found.units > 1000, "{found:?}");
 }
 

@@ -197,10 +197,12 @@ fn part_filled_blocks_have_the_hosts_bits() {
 #[test]
 fn a_device_that_lies_in_one_answer_of_a_bsdf_is_refused() {
     let gpu = Arc::new(open());
-    for (name, shader) in bsdfs() {
+    for (index, (name, shader)) in bsdfs().into_iter().enumerate() {
         let program = shader.program().unwrap_or_else(|error| panic!("{error}"));
         let kernel = Kernel::new(&program, false).expect("a kernel");
-        for column in 0..kernel.outputs.len() {
+        // All of one BSDF, and the last one of each other: a kernel takes lavapipe a second.
+        let columns = 0..kernel.outputs.len();
+        for column in columns.skip(if index == 0 { 0 } else { kernel.outputs.len() - 1 }) {
             let exact = format!("results[{column}u * points + point] = ");
             let wrong = kernel.source.replacen(&exact, &format!("{exact}1u ^ "), 1);
             assert_ne!(wrong, kernel.source);

@@ -8,7 +8,7 @@ const SECTORS: usize = 16;
 
 /// The integral of the density over each cell, by the midpoint rule.
 fn expected(bsdf: &Bsdf, wo: Vec3) -> Vec<f64> {
-    const FINE: usize = 24;
+    const FINE: usize = 16;
     let sides = if bsdf.is_frosted() { 2 } else { 1 };
     let mut cells = vec![0.0; 2 * RINGS * SECTORS];
     for ring in 0..sides * RINGS * FINE {
