@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """Writes what a bench measured into a page of results, so that no figure is typed by hand.
 
     raystream bench build scenes/glass.json --rounds 9 --json glass.json
