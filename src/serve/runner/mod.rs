@@ -232,7 +232,8 @@ impl Runner {
 
     /// How units are cut.
     fn sizes(&self, at_once: usize) -> Sizes {
-        Sizes { samples: self.limits.unit_samples, random: self.farm.random_units, at_once }
+        let is_local = self.own.is_some();
+        Sizes { samples: self.limits.unit_samples, random: self.farm.random_units, at_once, is_local }
     }
 
     /// How long a unit's holder may be silent before it counts as gone: less than a lease, so that whoever gets the

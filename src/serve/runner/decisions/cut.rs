@@ -8,6 +8,9 @@ use xxhash_rust::xxh3::xxh3_64;
 /// worker and the last unit of a frame does not keep others waiting.
 const UNIT_SECONDS: f64 = 1.0;
 
+/// The same in the service's own process, where nothing is lost with a worker alone.
+const LOCAL_SECONDS: f64 = 2.0;
+
 /// Seconds that the last units of a frame are to take at least: what a unit costs besides its samples is a small part.
 const LAST_SECONDS: f64 = 0.5;
 
@@ -37,6 +40,8 @@ pub struct Sizes {
     /// Units of the frame that are rendered at the same time at its end: the last ones are smaller, so that none keeps
     /// the others' workers waiting. 0 if other frames follow.
     pub at_once: usize,
+    /// Whether they are rendered in this process.
+    pub is_local: bool,
 }
 
 /// What is known about the speed of a job's units: of those that ended last, each by the time it took, so that a few
@@ -64,11 +69,12 @@ impl Speed {
         if self.seconds > 0.0 { self.samples / self.seconds } else { FIRST_SPEED }
     }
 
-    /// Pixels × samples of a unit of which so many are left to be cut, and so many are rendered at the same time.
-    fn samples_of_unit(&self, left: f64, at_once: usize) -> f64 {
+    /// Pixels × samples of a unit of a pass of which so many are left to be cut.
+    fn samples_of_unit(&self, left: f64, Sizes { at_once, is_local, .. }: Sizes) -> f64 {
         let speed = self.samples_per_second();
         let share = if at_once > 0 { left / at_once as f64 } else { f64::INFINITY };
-        let wanted = (UNIT_SECONDS * speed).min(share.max(LAST_SECONDS * speed));
+        let wanted = (if is_local { LOCAL_SECONDS } else { UNIT_SECONDS } * speed)
+            .min(share.max(LAST_SECONDS * speed));
         if self.largest > 0.0 { wanted.min(GROWTH * self.largest) } else { wanted }
     }
 }
@@ -89,7 +95,7 @@ pub fn next(
     };
     let left =
         (u64::from(all) * samples.len() as u64).saturating_sub(last.map_or(0, cut)) as f64 * BLOCK_PIXELS;
-    let wanted = sizes.samples.map_or(speed.samples_of_unit(left, sizes.at_once), |samples| samples as f64);
+    let wanted = sizes.samples.map_or(speed.samples_of_unit(left, sizes), |samples| samples as f64);
     let block_samples = (wanted / BLOCK_PIXELS).max(1.0);
     let count = last.map_or(0, |last| last.number + 1);
     let random = |of: u32, salt: u64| {
