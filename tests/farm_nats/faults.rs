@@ -130,7 +130,7 @@ fn a_worker_whose_sums_are_wrong_is_found_and_named() {
     let (nats, data) = (Nats::start(), folder());
     let service = crate::Service::start(
         data.path(),
-        &["--nats", &nats.url(), "--lease", "1", "--compared", "0.5", "--most-files", "3"],
+        &["--nats", &nats.url(), "--lease", "1", "--compared", "1", "--most-files", "3"],
     );
     let scene = service.upload_file(&shipped("cornell.json"));
     let mut wrong = Worker::start(&nats.url(), "wrong", &["--corrupt"]);
