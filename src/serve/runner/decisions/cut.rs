@@ -69,7 +69,7 @@ impl Speed {
         if self.seconds > 0.0 { self.samples / self.seconds } else { FIRST_SPEED }
     }
 
-    /// Pixels × samples of a unit of a pass of which so many are left to be cut.
+    /// Pixels × samples of the next unit of a pass that has so many left.
     fn samples_of_unit(&self, left: f64, Sizes { at_once, is_local, .. }: Sizes) -> f64 {
         let speed = self.samples_per_second();
         let share = if at_once > 0 { left / at_once as f64 } else { f64::INFINITY };
