@@ -13,8 +13,8 @@ PERIOD = 20_000
 class Group:
     """A control group (version 1 or 2) that holds its processes to a share of a core. What else runs waits for them.
 
-    With a `turn` they stay on one core, the next one for the next turn, as those of a machine do: what a process has
-    written is never in the cache of another core.
+    With a `turn` its processes stay on one core, chosen by that number. What they write is then never in the cache of
+    another core, as on a machine of their own.
     """
 
     def __init__(self, share, period=PERIOD, turn=None):

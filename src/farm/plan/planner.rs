@@ -175,12 +175,15 @@ impl Simulator<'_> {
     /// Chooses units until enough are outstanding. Whether some of them have just been cut.
     fn choose_units(&mut self) -> bool {
         let wanted = decisions::wanted(self.slots);
+        let open = self.jobs.iter().map(|run| run.frames.len()).sum();
+        let more = self.jobs.iter().any(|run| run.next_frame < run.job.frames);
+        let sizes = Sizes { at_once: decisions::at_once(self.slots, open, more), ..Sizes::default() };
         let mut is_new = false;
         while self.outstanding < wanted {
             let unit = match self.comparisons.pop_front() {
                 Some(unit) => unit,
                 None => {
-                    let Some((flight, is_cut)) = self.next_unit() else { break };
+                    let Some((flight, is_cut)) = self.next_unit(sizes) else { break };
                     is_new |= is_cut;
                     self.flights.push(flight);
                     self.flights.len() as u32 - 1
@@ -193,10 +196,7 @@ impl Simulator<'_> {
         is_new
     }
 
-    fn next_unit(&mut self) -> Option<(Flight, bool)> {
-        let open = self.jobs.iter().map(|run| run.frames.len()).sum();
-        let more = self.jobs.iter().any(|run| run.next_frame < run.job.frames);
-        let sizes = Sizes { at_once: decisions::at_once(self.slots, open, more), ..Sizes::default() };
+    fn next_unit(&mut self, sizes: Sizes) -> Option<(Flight, bool)> {
         let mut runs: Vec<&mut Run> = self.jobs.iter_mut().filter(|run| !run.frames.is_empty()).collect();
         let (mut flight, is_cut) = decisions::next(&mut runs, |run| {
             let (job, speed) = (run.seq as u32, run.speed);

@@ -1,6 +1,6 @@
 //! Decides what is done next: which frames are open, which units are offered, which are offered again.
 
-use super::decisions::{self, BLOCK_PIXELS, Candidate, PLANNER_PAUSE, Share, UnitRow};
+use super::decisions::{self, BLOCK_PIXELS, Candidate, PLANNER_PAUSE, Share, Sizes, UnitRow};
 use super::frame::OpenFrame;
 use super::task::{Task, TaskKey};
 use super::{NAP, Outstanding, Run, Runner, State, UNITS_IN_FLIGHT};
@@ -70,6 +70,7 @@ impl Runner {
             let is_kept = active.contains(&**id) || !run.tasks.is_empty();
             if !active.contains(&**id) {
                 run.frames.clear();
+                run.has_more = false;
             }
             is_kept
         });
@@ -205,9 +206,12 @@ impl Runner {
         let heard = self.bus.lease_time().max(Duration::from_secs(2));
         let slots = state.workers.slots(heard);
         let wanted = decisions::wanted(slots);
+        let open = state.runs.values().map(|run| run.frames.len()).sum();
+        let more = state.runs.values().any(|run| run.has_more);
+        let sizes = self.sizes(decisions::at_once(slots, open, more));
         let mut offers = Vec::new();
         while state.outstanding.len() < wanted
-            && let Some(offer) = next_comparison(state).or_else(|| self.next_unit(state, slots))
+            && let Some(offer) = next_comparison(state).or_else(|| next_unit(state, sizes))
         {
             let outstanding =
                 Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: None };
@@ -216,21 +220,6 @@ impl Runner {
         }
         state.is_short = state.outstanding.len() < wanted;
         offers
-    }
-
-    fn next_unit(&self, state: &mut State, slots: usize) -> Option<Offer> {
-        let open = state.runs.values().map(|run| run.frames.len()).sum();
-        let more = state.runs.values().any(|run| run.has_more);
-        let sizes = self.sizes(decisions::at_once(slots, open, more));
-        let mut runs: Vec<&mut Run> = state.runs.values_mut().filter(|run| !run.frames.is_empty()).collect();
-        decisions::next(&mut runs, |run| {
-            run.frames.values().find_map(|frame| {
-                let (row, blocks, is_new) = frame.take(sizes, run.speed)?;
-                let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
-                let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
-                Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))
-            })
-        })
     }
 
     /// Offers a unit on the bus.
@@ -314,6 +303,19 @@ fn next_comparison(state: &mut State) -> Option<Offer> {
         Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: Some(comparison) };
     state.outstanding.insert(id.clone(), outstanding);
     Some(Offer { id, job, row, blocks, frame: None, is_new: false })
+}
+
+/// The next unit of the job whose turn it is.
+fn next_unit(state: &mut State, sizes: Sizes) -> Option<Offer> {
+    let mut runs: Vec<&mut Run> = state.runs.values_mut().filter(|run| !run.frames.is_empty()).collect();
+    decisions::next(&mut runs, |run| {
+        run.frames.values().find_map(|frame| {
+            let (row, blocks, is_new) = frame.take(sizes, run.speed)?;
+            let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
+            let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
+            Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))
+        })
+    })
 }
 
 /// Whether a job is worked on in this state.
