@@ -120,8 +120,9 @@ fn patterns_and_bsdfs_of_one_scene_share_the_gpu() {
 fn a_gpu_that_is_lost_while_it_shades_is_lost_for_tracing_too() {
     for surfaces in [WOOD, CLOTH] {
         let expected = render(surfaces, Unit::Cpu, Shading::Cpu, None).hash;
+        // Beside it, processors could trace so much that it is not asked often enough to fail.
         for fault in [Fault::ShadeLost(2), Fault::Lost(3), Fault::ShadeCorrupt(2)] {
-            let Rendered { hash, job, .. } = render(surfaces, Unit::Hybrid, Shading::Gpu, Some(fault));
+            let Rendered { hash, job, .. } = render(surfaces, Unit::Gpu, Shading::Gpu, Some(fault));
             assert_eq!(hash, expected, "{fault}");
             assert!((1..=2).contains(&job.events.len()), "{fault}: {:?}", job.events);
         }
