@@ -76,6 +76,17 @@ pub struct CanonicalHit {
 }
 
 impl CanonicalRay {
+    /// A ray that hits nothing.
+    pub const NONE: Self = Self {
+        origin: Vec3::ZERO,
+        direction: Vec3::X,
+        inverse: Vec3::ONE,
+        near: Vec3::ZERO,
+        far: Vec3::ZERO,
+        t_min: 0.0,
+        t_max: -1.0,
+    };
+
     /// Whether a ray has an origin and a direction that can be traced: neither is a reason for [`CanonicalRay::new`] to
     /// let it hit nothing.
     #[inline(always)]
@@ -113,15 +124,7 @@ impl CanonicalRay {
         let reach = o.abs().max_element();
         let largest = d.abs().max_element();
         if !(Self::can_start(origin, direction) && t_min <= t_max) {
-            return Self {
-                origin: Vec3::ZERO,
-                direction: Vec3::X,
-                inverse: Vec3::ONE,
-                near: Vec3::ZERO,
-                far: Vec3::ZERO,
-                t_min: 0.0,
-                t_max: -1.0,
-            };
+            return Self::NONE;
         }
         let floor = largest * MIN_COMPONENT;
         let slack = scene_max_abs.max(reach) * SLACK;

@@ -1,6 +1,7 @@
 //! Functions of the prelude that the executor computes with kernels in lanes. `shaders/prelude.wgsl` holds the same
 //! functions in WGSL; a test compares their bits.
 
+use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Num, Vector, exponential, trigonometry};
 
 /// A native function.
@@ -12,11 +13,22 @@ pub(super) enum Native {
     Exp2,
     Log2,
     Noise,
+    Disk,
+    CosineHemisphere,
 }
 
 impl Native {
     /// All native functions.
-    pub const ALL: [Self; 6] = [Self::Sin, Self::Cos, Self::Atan2, Self::Exp2, Self::Log2, Self::Noise];
+    pub const ALL: [Self; 8] = [
+        Self::Sin,
+        Self::Cos,
+        Self::Atan2,
+        Self::Exp2,
+        Self::Log2,
+        Self::Noise,
+        Self::Disk,
+        Self::CosineHemisphere,
+    ];
 
     /// The function of the prelude.
     pub fn name(self) -> &'static str {
@@ -27,6 +39,17 @@ impl Native {
             Self::Exp2 => "exp2",
             Self::Log2 => "log2",
             Self::Noise => "noise",
+            Self::Disk => "disk",
+            Self::CosineHemisphere => "cosine_hemisphere",
+        }
+    }
+
+    /// Number of results.
+    pub fn results(self) -> usize {
+        match self {
+            Self::Disk => 2,
+            Self::CosineHemisphere => 3,
+            _ => 1,
         }
     }
 
@@ -35,17 +58,27 @@ impl Native {
         Self::ALL.into_iter().find(|native| native.name() == name)
     }
 
-    /// The result; operands beyond the function's number are ignored.
+    /// The results, then zeros; operands beyond the function's number are ignored.
     #[inline(always)]
-    pub fn of<L: Lanes>(self, [a, b, c]: [Num<L>; 3]) -> Num<L> {
-        match self {
+    pub fn of<L: Lanes>(self, [a, b, c]: [Num<L>; 3]) -> [Num<L>; 3] {
+        let zero = Num::zero(a.lanes());
+        let result = match self {
             Self::Sin => trigonometry::sin_cos(a).0,
             Self::Cos => trigonometry::sin_cos(a).1,
             Self::Atan2 => trigonometry::atan2_turns(a, b) * std::f32::consts::TAU,
             Self::Exp2 => exponential::exp2(a),
             Self::Log2 => exponential::log2(a),
             Self::Noise => noise(Vector::new(a, b, c)),
-        }
+            Self::Disk => {
+                let [x, y] = warp::disk([a, b]);
+                return [x, y, zero];
+            }
+            Self::CosineHemisphere => {
+                let direction = warp::cosine_hemisphere([a, b]);
+                return [direction.x, direction.y, direction.z];
+            }
+        };
+        [result, zero, zero]
     }
 }
 

@@ -132,7 +132,7 @@ impl<L: Lanes> OutlinedTask<L> for Run<'_> {
                     operation.once(registers, *operands, *to);
                 }
                 Instruction::Call { native, operands, results } => {
-                    call(l, *native, registers, code.list(operands), code.list(results)[0]);
+                    call(l, *native, registers, code.list(operands), code.list(results));
                 }
                 Instruction::Host { function, .. } => {
                     unreachable!("`{}` in a shader without a host", function.name())
@@ -162,8 +162,7 @@ impl<L: Lanes> OutlinedTask<L> for Run<'_> {
 }
 
 #[inline(always)]
-fn call<L: Lanes>(l: L, native: Native, registers: &[Chunk], operands: &[Register], to: Register) {
-    let to = &registers[to as usize];
+fn call<L: Lanes>(l: L, native: Native, registers: &[Chunk], operands: &[Register], to: &[Register]) {
     for start in (0..CHUNK).step_by(L::LANES) {
         let mut numbers = [Num::zero(l); 3];
         for (place, number) in numbers.iter_mut().enumerate().take(operands.len()) {
@@ -172,9 +171,11 @@ fn call<L: Lanes>(l: L, native: Native, registers: &[Chunk], operands: &[Registe
             for_pairs_mut(words.as_mut(), operand, |word, cell| *word = f32::from_bits(cell.get()));
             *number = Num::from_array(l, &words);
         }
-        let result = native.of(numbers).to_array();
-        for lane in 0..L::LANES {
-            to[start + lane].set(result[lane].to_bits());
+        for (result, &to) in native.of(numbers).iter().zip(to) {
+            let (result, to) = (result.to_array(), &registers[to as usize]);
+            for lane in 0..L::LANES {
+                to[start + lane].set(result[lane].to_bits());
+            }
         }
     }
 }

@@ -146,9 +146,7 @@ impl<'a> LaneTask for UntilHost<'a> {
                     operation.chunks(operands, columns.column(*to, points));
                 }
                 Instruction::Call { native, operands, results } => {
-                    let operands = &code.lists[operands.start as usize..operands.end as usize];
-                    let to = code.lists[results.start as usize];
-                    call(l, *native, columns, operands, to, points);
+                    call(l, *native, columns, code.list(operands), code.list(results), points);
                 }
                 Instruction::Host { function, mask, operands, results, line } => {
                     let (operands, results) = (code.list(operands), code.list(results));
@@ -198,10 +196,9 @@ fn call<L: Lanes>(
     native: Native,
     columns: &Columns,
     operands: &[Register],
-    to: Register,
+    to: &[Register],
     points: usize,
 ) {
-    let to = columns.column(to, points);
     for start in (0..points).step_by(L::LANES) {
         let mut numbers = [Num::zero(l); 3];
         for (place, number) in numbers.iter_mut().enumerate().take(operands.len()) {
@@ -211,8 +208,12 @@ fn call<L: Lanes>(
             for_pairs_mut(words.as_mut(), cells, |word, cell| *word = f32::from_bits(cell.get()));
             *number = Num::from_array(l, &words);
         }
-        let result = native.of(numbers).to_array();
-        for_pairs(&to[start..start + L::LANES], result.as_ref(), |cell, number| cell.set(number.to_bits()));
+        for (result, &to) in native.of(numbers).iter().zip(to) {
+            let (result, to) = (result.to_array(), columns.column(to, points));
+            for_pairs(&to[start..start + L::LANES], result.as_ref(), |cell, number| {
+                cell.set(number.to_bits());
+            });
+        }
     }
 }
 

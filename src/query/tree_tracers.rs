@@ -12,10 +12,6 @@ use std::sync::Arc;
 /// The largest number of rays that a thread traces at once.
 pub const SHARE_RAYS: usize = 32 * 1024;
 
-/// Up to this many rays are traced one after the other. From three rays on a ray stream is faster, as
-/// `raystream bench small` shows.
-const FEW_RAYS: usize = 2;
-
 /// Number of rays whose hits one thread collects at a time.
 const COLLECTED_AT_ONCE: usize = 1024;
 
@@ -74,7 +70,7 @@ impl TreeTracers {
 
     /// [`TreeTracers::closest_into`] on the calling thread.
     pub fn closest_here(&self, rays: &[Ray], hits: &mut [Hit]) {
-        if rays.len() <= FEW_RAYS {
+        if rays.len() == 1 {
             self.single.closest(rays, hits);
         } else {
             self.stream.closest(rays, hits);
@@ -97,7 +93,7 @@ impl TreeTracers {
         in_shares(rays, occluded, SHARE_RAYS, |_, rays, occluded| {
             let mut answers = ANSWERS.take();
             answers.resize(rays.len(), 0);
-            if rays.len() <= FEW_RAYS {
+            if rays.len() == 1 {
                 self.single.occluded(rays, &mut answers);
             } else {
                 self.stream.occluded(rays, &mut answers);

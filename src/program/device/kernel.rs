@@ -136,10 +136,11 @@ fn native_function(native: Native, code: &Code) -> String {
         writer.line(&format!("r{register} = i{input};"));
     }
     writer.instructions();
-    let result = writer.operand(code.outputs[0]);
-    writer.line(&format!("return {result};"));
+    let results = writer.operands(&code.outputs).join(", ");
+    let result = format!("array<u32, {}>", native.results());
+    writer.line(&format!("return {result}({results});"));
     let (name, body) = (native.name(), writer.body());
-    format!("\nfn native_{name}({}) -> u32 {{\n{body}}}\n", arguments.join(", "))
+    format!("\nfn native_{name}({}) -> {result} {{\n{body}}}\n", arguments.join(", "))
 }
 
 fn shade_entry(code: &Code, inputs: &[u32], outputs: &[u32]) -> String {
@@ -270,8 +271,13 @@ impl<'c> Writer<'c> {
                 self.line(&format!("r{to} = {};", expression(*operation, &operands)));
             }
             Instruction::Call { native, operands, results } => {
-                let (operands, to) = (self.operands(list(operands)).join(", "), list(results)[0]);
-                self.line(&format!("r{to} = native_{}({operands});", native.name()));
+                let operands = self.operands(list(operands)).join(", ");
+                self.line("{");
+                self.line(&format!("let results = native_{}({operands});", native.name()));
+                for (number, to) in list(results).iter().enumerate() {
+                    self.line(&format!("r{to} = results[{number}];"));
+                }
+                self.line("}");
             }
             Instruction::Element { columns, index, to } => {
                 let (columns, index) = (self.operands(list(columns)), self.operand(*index));

@@ -1,7 +1,7 @@
 //! Calls, which are inlined.
 
 use super::{Frame, Lowerer, Scalar, Value};
-use crate::program::code::Instruction;
+use crate::program::code::{Instruction, Register};
 use crate::program::integrator::HostFunction;
 use crate::program::native::Native;
 use crate::program::parameter;
@@ -70,7 +70,7 @@ impl Lowerer<'_> {
         let native = if self.input.natives { Native::named(name) } else { None };
         let host = self.input.host.and_then(|_| HostFunction::named(name));
         let scalars = match (native, host) {
-            (Some(native), _) => [self.call_native(native, &values)].into(),
+            (Some(native), _) => self.call_native(native, &values),
             (None, Some(host)) => self.call_host(host, function, &values)?,
             (None, None) => self.inline(function, values)?,
         };
@@ -80,7 +80,7 @@ impl Lowerer<'_> {
         Ok(())
     }
 
-    fn call_native(&mut self, native: Native, arguments: &[Value]) -> Scalar {
+    fn call_native(&mut self, native: Native, arguments: &[Value]) -> Rc<[Scalar]> {
         let mut operands = Vec::new();
         for argument in arguments {
             let Value::Scalars(scalars) = argument else { continue };
@@ -89,11 +89,11 @@ impl Lowerer<'_> {
         let start = self.code.lists.len() as u32;
         self.code.lists.extend(operands);
         let end = self.code.lists.len() as u32;
-        let to = self.register();
-        self.code.lists.push(to);
-        let call = Instruction::Call { native, operands: start..end, results: end..end + 1 };
-        self.code.instructions.push(call);
-        Scalar::Column(to)
+        let to: Vec<Register> = (0..native.results()).map(|_| self.register()).collect();
+        self.code.lists.extend(&to);
+        let results = end..self.code.lists.len() as u32;
+        self.code.instructions.push(Instruction::Call { native, operands: start..end, results });
+        to.into_iter().map(Scalar::Column).collect()
     }
 
     /// Lowers a function's body in place. Returns its result.

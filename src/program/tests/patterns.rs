@@ -111,7 +111,18 @@ fn loops_that_end_at_all_points_end_in_vectors_and_blocks_with_room_for_more() {
 
 #[test]
 fn natives_have_the_bits_of_their_wgsl() {
-    let body = "fn pattern(at: Point) -> Finish {
+    // Points of the unit square, its middle too, and points around it.
+    let warps = "fn pattern(at: Point) -> Finish {
+        var f = matte(at);
+        let p = at.position;
+        f.colour = cosine_hemisphere(floor(fract(p.xy) * 9.0) * 0.125);
+        let point = disk(p.yz);
+        f.roughness = point.x;
+        f.metallic = point.y;
+        f.clearcoat = cosine_hemisphere(p.zx).z + disk(fract(p.xy)).x;
+        return f;
+    }";
+    let functions = "fn pattern(at: Point) -> Finish {
         var f = matte(at);
         let p = at.position;
         f.colour = vec3f(noise(p * 3.0), sin(p.x * 10.0), cos(p.y * 100.0));
@@ -120,10 +131,16 @@ fn natives_have_the_bits_of_their_wgsl() {
         f.clearcoat = turbulence(p, 4u) + pow(abs(p.z), p.x) + exp(p.y) + log(abs(p.z) + 0.5) + tan(p.x);
         return f;
     }";
+    for (text, times_fewer) in [(functions, 4), (warps, 2)] {
+        natives_have_the_bits_of_the_wgsl_of(text, times_fewer);
+    }
+}
+
+fn natives_have_the_bits_of_the_wgsl_of(body: &str, times_fewer: usize) {
     let [native, written] = [true, false].map(|natives| {
         PatternShader::load_with("test.wgsl", body, [], natives).unwrap_or_else(|error| panic!("{error}"))
     });
-    assert!(native.operations() * 4 < written.operations());
+    assert!(native.operations() * times_fewer < written.operations());
     for i in 0..5000u32 {
         let part = |k: u32| (crate::geom::mix(3 * i + k) as f32 / u32::MAX as f32 - 0.5) * 10.0;
         let position = [part(0), part(1), part(2)];

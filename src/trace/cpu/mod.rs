@@ -32,6 +32,7 @@
 //! - **Packets.** Coherent rays of one origin, such as camera rays, are traced in sixteens (RTRT section 4). Boxes are
 //!   tested against the interval of a packet first, and triangle terms that depend on the origin alone are shared
 //!   (`packet`).
+//! - **A few rays** are no stream: up to 32 rays take turns, each from front to back (`few_rays`).
 //! - **Instances.** Lists that reach an instance visit its tree, whose boxes and corners are moved to world space once
 //!   per visit (`instances`, `instance_space`).
 //! - **Any-hit queries** visit the child first in which a hit is likeliest, and drop occluded rays from lists.
@@ -40,6 +41,7 @@
 //! was tried and measured stands in `docs/lab/tracing.md`.
 
 mod child_lists;
+mod few_rays;
 mod instance_space;
 mod instances;
 mod interval;

@@ -11,6 +11,7 @@
 //! 4. Arrays that are written in lanes have as many elements, as `clamped_distances` asserts.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::few_rays;
 use super::instance_space::{InstanceSpace, Space, World};
 use super::slabs::{Faces, Slabs};
 use super::triangle::{Limits, Lines, test};
@@ -27,12 +28,20 @@ use std::sync::Arc;
 
 thread_local! {
     /// Taken by a call while it traces, so that a filter may trace on the same thread.
-    static STACK: Cell<Vec<Entry>> = const { Cell::new(Vec::new()) };
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
+}
+
+/// Memory that a thread reuses from call to call.
+#[derive(Default)]
+struct Scratch {
+    stack: Vec<Entry>,
+    /// Of rays that take turns.
+    few: few_rays::Stacks,
 }
 
 /// A child to visit, and where the ray enters its box.
 #[derive(Clone, Copy)]
-struct Entry {
+pub(super) struct Entry {
     child: Child,
     enter: f32,
 }
@@ -51,13 +60,13 @@ pub struct SingleRayTracer {
 }
 
 /// Decides which of the hits that are nearer than the best so far count.
-trait Accept {
+pub(super) trait Accept {
     /// Whether a hit of the ray with an index counts; `masked` says whether the triangle is.
     fn accepts(&mut self, ray: usize, hit: &Hit, masked: bool) -> bool;
 }
 
 /// The filter decides hits on masked triangles; all others count.
-struct Filtered<'a>(Option<&'a dyn Filter>);
+pub(super) struct Filtered<'a>(pub Option<&'a dyn Filter>);
 
 impl Accept for Filtered<'_> {
     #[inline(always)]
@@ -80,11 +89,11 @@ impl Accept for Where<'_> {
 }
 
 /// What the search for a ray's hit has found so far.
-struct Search<'a, A> {
-    best: Hit,
+pub(super) struct Search<'a, A> {
+    pub best: Hit,
     /// Index of the ray.
-    ray: usize,
-    accept: &'a mut A,
+    pub ray: usize,
+    pub accept: &'a mut A,
 }
 
 impl SingleRayTracer {
@@ -124,7 +133,7 @@ impl SingleRayTracer {
     ) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
         let accept = Where { filter: Filtered(self.filter.as_deref()), accepts };
-        self.dispatch::<_, false>(rays, accept, |i, hit| hits[i] = hit);
+        self.dispatch::<_, false, true>(rays, accept, |i, hit| hits[i] = hit);
     }
 
     /// Calls `visit` with the index of the ray and each of its hits, in no particular order.
@@ -135,30 +144,43 @@ impl SingleRayTracer {
             false
         };
         let accept = Where { filter: Filtered(self.filter.as_deref()), accepts: &mut accepts };
-        self.dispatch::<_, false>(rays, accept, |_, _| {});
+        self.dispatch::<_, false, false>(rays, accept, |_, _| {});
     }
 
-    fn dispatch<A: Accept, const ANY: bool>(&self, rays: &[Ray], accept: A, answer: impl FnMut(usize, Hit)) {
+    /// Traces one ray after the other, or all in turns if `IN_TURNS`. Trees of two levels know no turns.
+    fn dispatch<A: Accept, const ANY: bool, const IN_TURNS: bool>(
+        &self,
+        rays: &[Ray],
+        accept: A,
+        answer: impl FnMut(usize, Hit),
+    ) {
         let bvh = &*self.bvh;
-        let mut stack = STACK.take();
-        if stack.len() < self.stack_len {
-            stack.resize(self.stack_len, Entry { child: Child::ROOT, enter: 0.0 });
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let memory = &mut *scratch;
+        if IN_TURNS {
+            memory.few.reserve(bvh.wide().depth());
         }
-        let memory = &mut *stack;
+        if memory.stack.len() < self.stack_len {
+            memory.stack.resize(self.stack_len, Entry { child: Child::ROOT, enter: 0.0 });
+        }
         match self.simd {
             // SAFETY: invariants 1 and 3.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { x86::avx512::<A, ANY>(bvh, rays, memory, accept, answer) },
+            SimdLevel::Avx512 => unsafe {
+                x86::avx512::<A, ANY, IN_TURNS>(bvh, rays, memory, accept, answer)
+            },
             // SAFETY: invariants 1 and 3.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { x86::avx2::<A, ANY>(bvh, rays, memory, accept, answer) },
+            SimdLevel::Avx2 => unsafe { x86::avx2::<A, ANY, IN_TURNS>(bvh, rays, memory, accept, answer) },
             // SAFETY: invariant 3.
             #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => unsafe { trace::<_, A, ANY>(Neon, bvh, rays, memory, accept, answer) },
+            SimdLevel::Neon => unsafe {
+                trace::<_, A, ANY, IN_TURNS>(Neon, bvh, rays, memory, accept, answer)
+            },
             // SAFETY: invariant 3.
-            _ => unsafe { trace::<_, A, ANY>(Plain::<8>, bvh, rays, memory, accept, answer) },
+            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(Plain::<8>, bvh, rays, memory, accept, answer) },
         }
-        STACK.set(stack);
+        SCRATCH.set(Some(scratch));
     }
 }
 
@@ -174,13 +196,13 @@ impl fmt::Debug for SingleRayTracer {
 impl Tracer for SingleRayTracer {
     fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
-        self.dispatch::<_, false>(rays, Filtered(self.filter.as_deref()), |i, hit| hits[i] = hit);
+        self.dispatch::<_, false, false>(rays, Filtered(self.filter.as_deref()), |i, hit| hits[i] = hit);
     }
 
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         let accept = Filtered(self.filter.as_deref());
-        self.dispatch::<_, true>(rays, accept, |i, hit| occluded[i] = u32::from(!hit.is_miss()));
+        self.dispatch::<_, true, false>(rays, accept, |i, hit| occluded[i] = u32::from(!hit.is_miss()));
     }
 }
 
@@ -189,29 +211,32 @@ impl Tracer for SingleRayTracer {
 /// # Safety
 /// Invariant 3.
 #[inline(always)]
-unsafe fn trace<E: Lanes, A: Accept, const ANY: bool>(
+unsafe fn trace<E: Lanes, A: Accept, const ANY: bool, const IN_TURNS: bool>(
     e: E,
     bvh: &Bvh,
     rays: &[Ray],
-    stack: &mut [Entry],
+    scratch: &mut Scratch,
     mut accept: A,
     mut answer: impl FnMut(usize, Hit),
 ) {
+    if IN_TURNS && bvh.instances().is_empty() {
+        return few_rays::trace::<E, A, ANY>(e, bvh, rays, &mut scratch.few, accept, answer);
+    }
     for (i, ray) in rays.iter().enumerate() {
         let mut search = Search { best: Hit::NONE, ray: i, accept: &mut accept };
         // SAFETY: the caller's contract.
-        unsafe { trace_one::<E, A, ANY>(e, bvh, ray, stack, &mut search) };
+        unsafe { trace_one::<E, A, ANY>(e, bvh, ray, &mut scratch.stack, &mut search) };
         answer(i, search.best);
     }
 }
 
 /// A ray, the same in all lanes.
-struct Query<'a, E: Lanes> {
-    bvh: &'a Bvh,
-    slabs: Slabs<E>,
-    octant: usize,
-    lines: Lines<E>,
-    t_min: E::F,
+pub(super) struct Query<'a, E: Lanes> {
+    pub bvh: &'a Bvh,
+    pub slabs: Slabs<E>,
+    pub octant: usize,
+    pub lines: Lines<E>,
+    pub t_min: E::F,
 }
 
 /// Searches the nearest hit of a ray, or any hit if `ANY`.
@@ -254,7 +279,7 @@ unsafe fn trace_one<E: Lanes, A: Accept, const ANY: bool>(
 }
 
 /// The leaves of a tree.
-trait Leaves {
+pub(super) trait Leaves {
     /// Visits a leaf: takes nearer hits and returns whether the search is over.
     ///
     /// # Safety
@@ -270,9 +295,9 @@ trait Leaves {
 }
 
 /// Leaf blocks of triangles.
-struct TriangleLeaves<'a, S> {
-    space: S,
-    blocks: &'a LeafBlocks,
+pub(super) struct TriangleLeaves<'a, S> {
+    pub space: S,
+    pub blocks: &'a LeafBlocks,
 }
 
 /// The instances of a two-level tree.
@@ -425,30 +450,30 @@ mod x86 {
     /// # Safety
     /// Invariant 3.
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub unsafe fn avx512<A: Accept, const ANY: bool>(
+    pub unsafe fn avx512<A: Accept, const ANY: bool, const IN_TURNS: bool>(
         bvh: &Bvh,
         rays: &[Ray],
-        stack: &mut [Entry],
+        scratch: &mut Scratch,
         accept: A,
         answer: impl FnMut(usize, Hit),
     ) {
         // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
         // 1); invariant 3.
-        unsafe { trace::<_, A, ANY>(Avx512Eights::new(), bvh, rays, stack, accept, answer) };
+        unsafe { trace::<_, A, ANY, IN_TURNS>(Avx512Eights::new(), bvh, rays, scratch, accept, answer) };
     }
 
     /// # Safety
     /// Invariant 3.
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    pub unsafe fn avx2<A: Accept, const ANY: bool>(
+    pub unsafe fn avx2<A: Accept, const ANY: bool, const IN_TURNS: bool>(
         bvh: &Bvh,
         rays: &[Ray],
-        stack: &mut [Entry],
+        scratch: &mut Scratch,
         accept: A,
         answer: impl FnMut(usize, Hit),
     ) {
         // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
         // 1); invariant 3.
-        unsafe { trace::<_, A, ANY>(Avx2::new(), bvh, rays, stack, accept, answer) };
+        unsafe { trace::<_, A, ANY, IN_TURNS>(Avx2::new(), bvh, rays, scratch, accept, answer) };
     }
 }

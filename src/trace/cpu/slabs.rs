@@ -74,6 +74,12 @@ impl<L: Lanes> Slabs<L> {
         Self { inverse, near: shift, far: shift }
     }
 
+    /// These constants.
+    #[inline(always)]
+    pub fn of_parts(inverse: LaneVec3<L>, near: LaneVec3<L>, far: LaneVec3<L>) -> Self {
+        Self { inverse, near, far }
+    }
+
     /// The constants of one ray, in all lanes.
     #[inline(always)]
     pub fn of_ray(l: L, ray: &CanonicalRay) -> Self {

@@ -157,6 +157,15 @@ impl<'a> Answers<'a> {
         }
     }
 
+    /// Sets the answer of a ray.
+    #[inline(always)]
+    pub fn set(&mut self, ray: usize, hit: Hit) {
+        match self {
+            Self::Hits(hits) => hits[ray] = hit,
+            Self::Occluded(occluded) => occluded[ray] = u32::from(!hit.is_miss()),
+        }
+    }
+
     /// Splits off the answers of the first `count` rays.
     #[inline]
     pub fn split_first(&mut self, count: usize) -> Answers<'a> {

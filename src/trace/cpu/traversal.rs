@@ -8,10 +8,11 @@ use super::instance_space::World;
 use super::packet::{self, Packet, PacketSet, PacketVisitor};
 use super::ray_lists::RayVisitor;
 use super::shaft::Shafts;
+use super::single::Filtered;
 use super::split_substreams::{MAX_RAYS, first_len};
 use super::substream::{Answers, OctantStack, Row, SubStream, Visitor, Widths, entry_capacity};
 use super::tree_view::TreeView;
-use super::{instances, setup};
+use super::{few_rays, instances, setup};
 use crate::bvh::{Bvh, Filter, WIDTH};
 use crate::lanes::{Lanes, MAX_LANES};
 use crate::stream::Ray;
@@ -19,6 +20,9 @@ use crate::stream::Ray;
 /// Octants that take turns. More would give prefetches more time, but what their visits share would have left the
 /// nearest caches in between.
 const ACTIVE_OCTANTS: usize = 2;
+
+/// Up to this many rays are no stream: they take turns. `raystream bench small` shows where a stream becomes faster.
+const FEW_RAYS: usize = 32;
 
 /// Memory that a thread reuses from call to call.
 #[derive(Default)]
@@ -29,6 +33,7 @@ pub(super) struct Scratch {
     stacks: [OctantStack; 8],
     /// For visits of the trees of instances.
     local: OctantStack,
+    few: few_rays::Stacks,
 }
 
 /// Traces `rays` and writes `answers`, which are misses beforehand. `ANY` says whether any hit is asked for (then
@@ -47,9 +52,21 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const INSTANCED: bool>(
 ) {
     const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
     assert_eq!(rays.len(), answers.len(), "one answer per ray");
+    if !INSTANCED && rays.len() <= FEW_RAYS {
+        scratch.few.reserve(bvh.wide().depth());
+        let answer = |ray, hit| answers.set(ray, hit);
+        return few_rays::trace::<E, _, ANY>(
+            widths.eight,
+            bvh,
+            rays,
+            &mut scratch.few,
+            Filtered(filter),
+            answer,
+        );
+    }
     let w = widths.wide;
     let tree = TreeView::new(bvh.wide(), filter);
-    let Scratch { rows, shafts, packets, stacks, local } = scratch;
+    let Scratch { rows, shafts, packets, stacks, local, .. } = scratch;
     local.clear();
     for stack in stacks.iter_mut() {
         stack.clear();
