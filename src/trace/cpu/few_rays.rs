@@ -112,26 +112,11 @@ pub(super) fn trace<E: Lanes, A: Accept, const ANY: bool>(
     }
 }
 
-/// The rays whose next child is an inner node, or those whose next is a leaf block.
-#[derive(Default)]
-struct Waiting {
-    rays: [u32; AT_ONCE],
-    len: usize,
-}
-
-impl Waiting {
-    /// Adds a ray if a condition holds, without a branch.
-    #[inline(always)]
-    fn add(&mut self, ray: usize, condition: bool) {
-        self.rays[self.len % AT_ONCE] = ray as u32;
-        self.len += usize::from(condition);
-    }
-
-    /// A ray.
-    #[inline(always)]
-    fn ray(&self, at: usize) -> usize {
-        self.rays[at % AT_ONCE] as usize % AT_ONCE
-    }
+/// Appends a ray to a list if a condition holds, without a branch.
+#[inline(always)]
+fn append(list: &mut [u32; AT_ONCE], len: &mut usize, ray: usize, condition: bool) {
+    list[*len % AT_ONCE] = ray as u32;
+    *len += usize::from(condition);
 }
 
 /// Rays that are traced together, at most [`AT_ONCE`], and what they share.
@@ -161,9 +146,9 @@ impl Part<'_> {
     ) {
         let none = Turn { octant: 0, child: Child::NONE, bottom: 0, top: 0, best: Hit::NONE };
         let mut turns = [none; AT_ONCE];
-        // Those of this round and of the next. (Copied after narrower writes, they would be waited for.)
-        let (mut at_nodes, mut at_blocks): ([Waiting; 2], [Waiting; 2]) = Default::default();
-        let (mut now, mut next) = (0, 1);
+        // The rays whose next child is an inner node. Those whose next is a leaf block: of this round, and of the next.
+        let (mut at_nodes, mut at_blocks) = ([0; AT_ONCE], [[0; AT_ONCE]; 2]);
+        let (mut nodes, mut blocks, mut now) = (0, 0, 0);
         let capacity = capacity(self.bvh.wide().depth());
         for start in (0..self.rays.len()).step_by(WIDTH) {
             let octants = self.columns.set(e, self.bvh.scene_max_abs(), self.rays, start);
@@ -173,29 +158,32 @@ impl Part<'_> {
                 unsafe { *self.children.add(bottom as usize) = bytemuck::cast(Child::NONE) };
                 let best = Hit { t: self.rays[ray].t_max, ..Hit::NONE };
                 turns[ray] = Turn { octant: octant % 8, child: Child::ROOT, bottom, top: bottom + 1, best };
-                at_nodes[now].add(ray, octant < 8);
+                append(&mut at_nodes, &mut nodes, ray, octant < 8);
             }
         }
-        while at_nodes[now].len + at_blocks[now].len > 0 {
-            for at in 0..at_nodes[now].len {
-                let ray = at_nodes[now].ray(at);
+        while nodes + blocks > 0 {
+            // What is kept of a list lies before what is read next. A block is tested one round after it is found: it
+            // has time to arrive.
+            let (old_nodes, mut found, next) = (nodes, 0, 1 - now);
+            nodes = 0;
+            for at in 0..old_nodes {
+                let ray = at_nodes[at % AT_ONCE] as usize % AT_ONCE;
                 // SAFETY: invariants 1 and 2.
                 let child = unsafe { self.visit_node(e, ray, &mut turns[ray]) };
                 self.tree.prefetch_either(child);
-                at_nodes[next].add(ray, !child.is_block());
-                at_blocks[next].add(ray, child.is_block() && child != Child::NONE);
+                append(&mut at_nodes, &mut nodes, ray, !child.is_block());
+                append(&mut at_blocks[next], &mut found, ray, child.is_block() && child != Child::NONE);
             }
-            for at in 0..at_blocks[now].len {
-                let ray = at_blocks[now].ray(at);
+            for at in 0..blocks {
+                let ray = at_blocks[now][at % AT_ONCE] as usize % AT_ONCE;
                 // SAFETY: invariants 1 and 2.
-                let found = unsafe { self.visit_block::<E, A, ANY>(e, ray, &mut turns[ray], accept) };
-                let Some(child) = found else { continue };
+                let next_child = unsafe { self.visit_block::<E, A, ANY>(e, ray, &mut turns[ray], accept) };
+                let Some(child) = next_child else { continue };
                 self.tree.prefetch_either(child);
-                at_nodes[next].add(ray, !child.is_block());
-                at_blocks[next].add(ray, child.is_block() && child != Child::NONE);
+                append(&mut at_nodes, &mut nodes, ray, !child.is_block());
+                append(&mut at_blocks[next], &mut found, ray, child.is_block() && child != Child::NONE);
             }
-            (at_nodes[now].len, at_blocks[now].len) = (0, 0);
-            (now, next) = (next, now);
+            (blocks, now) = (found, next);
         }
         for (ray, turn) in turns[..self.rays.len()].iter().enumerate() {
             answer(self.first + ray, if turn.best.is_miss() { Hit::NONE } else { turn.best });
