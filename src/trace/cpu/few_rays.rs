@@ -8,7 +8,10 @@
 //! 1. Children that are visited are in range: they are children of nodes of `Bvh::build`'s trees, or a root. Slots of
 //!    `Child::NONE` have inverted boxes, which no ray enters.
 //! 2. Each stack has room for [`capacity`] entries: a visit of a node pops one entry and pushes at most eight, so eight
-//!    for each level of the tree are enough, after entry 0, which is never popped; and pushing writes a vector.
+//!    for each level of the tree are enough, after the first; and pushing writes a vector. The first is
+//!    [`Child::NONE`]: a ray that pops it is done.
+//! 3. Offsets in `FACES` are those of a node's faces, those in `OFFSETS` of eight rays. Arrays that are read or written
+//!    in lanes have as many elements.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::World;
@@ -200,7 +203,7 @@ impl Part<'_> {
         // SAFETY: invariant 1.
         let node = unsafe { self.tree.node(turn.child) };
         let faces = &raw const node.faces;
-        // SAFETY: the offset is that of a face.
+        // SAFETY: invariant 3.
         let face = |offset: u32| unsafe { &*faces.byte_add(offset as usize).cast::<[f32; WIDTH]>() };
         let [nx, ny, nz, fx, fy, fz] = FACES[turn.octant as usize % 8];
         let (near, far) = ([face(nx), face(ny), face(nz)], [face(fx), face(fy), face(fz)]);
@@ -298,7 +301,7 @@ impl Columns {
         let count = rays.len().min(first + WIDTH) - first;
         some[..count].copy_from_slice(&rays[first..first + count]);
         let among = first_lanes::<E>(count);
-        // SAFETY: there is a ray for each offset.
+        // SAFETY: invariant 3.
         let rays = unsafe { e.rows(some.as_ptr().cast(), OFFSETS.as_ptr()) };
         let RowColumns { columns, valid, negative } = setup::row_columns(e, scene_max_abs, among, rays);
         let [ix, iy, iz, sx, sy, sz, slack, _] = columns;
@@ -310,7 +313,7 @@ impl Columns {
                 [(&mut self.inverse, inverse), (&mut self.near, near), (&mut self.far, far)]
             {
                 let column = &mut column[axis][first..first + WIDTH];
-                // SAFETY: the slice has an element for each lane.
+                // SAFETY: invariant 3.
                 unsafe { e.store(column.as_mut_ptr(), values[axis]) };
             }
         }
