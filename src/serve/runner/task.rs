@@ -14,6 +14,7 @@ use crate::serve::{Shots, Watch, failpoint, hex};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::SeqCst;
@@ -288,11 +289,18 @@ impl Runner {
     fn finish(&self, job: &Job, frame: u32, shots: &dyn Shots, picture: &Picture) -> Result<(), Failure> {
         let folder = self.frame_folder(&job.id, frame);
         std::fs::create_dir_all(&folder)?;
-        for extension in ["npz", "exr", "png"] {
+        let write = |extension: &str| {
             let path = folder.join(PICTURE).with_extension(extension);
             shots.write(picture, &path).map_err(Failure::Disk)?;
-            File::open(&path)?.sync_all()?;
-        }
+            Ok(File::open(&path)?.sync_all()?)
+        };
+        // At the same time: compressing them is most of the time between a job's last unit and its end.
+        std::thread::scope(|scope| {
+            let writing = ["npz", "exr", "png"].map(|extension| scope.spawn(move || write(extension)));
+            writing.map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+        })
+        .into_iter()
+        .collect::<Result<(), Failure>>()?;
         let mut folder = Some(&*folder);
         for _ in 0..3 {
             // The folder of the frame, of the job, and of all jobs.
