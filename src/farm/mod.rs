@@ -1,10 +1,10 @@
 //! Units of jobs on their way to workers and back, in one process or over many machines.
 //!
 //! ```text
-//! serve::runner ─ offer ─▶ WorkBus (in process, or NATS JetStream) ─ lease ─▶ Worker ─▶ Shots::patch
-//!      ▲ Desk: join, report, start, files, result, failure                     │
-//!      └──────────────────────────── ask ──────────────────────────────────────┘
-//! serve::live ─ request, with a deadline ─▶ WorkBus ─▶ LiveDesk: rows of a moving frame, as a display shows them
+//! serve::runner - offer -> WorkBus (in process, or NATS JetStream) - lease -> Worker -> Shots::patch
+//!      ^ Desk: join, report, start, files, result, failure                     |
+//!      +---------------------------- ask --------------------------------------+
+//! serve::live - request, with a deadline -> WorkBus -> LiveDesk: rows of a moving frame, as a display shows them
 //! ```
 //!
 //! The ledger of the service is the record. A bus only carries: whatever it loses is offered again, whatever it carries

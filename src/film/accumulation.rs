@@ -29,8 +29,8 @@ pub(super) const MAX_FRACTION_BITS: u32 = 40;
 ///
 /// # Why none overflows
 /// A pixel receives at most `splats` splats, each at most [`MAX_RADIANCE`] = 2²⁰. With `fraction_bits = 62 − 20 −
-/// ⌈log₂ splats⌉` the sum stays at or below 2^(20 + fraction_bits) · splats ≤ 2⁶² < 2⁶³. Splats beyond the promised
-/// number overflow only after as many again.
+/// ⌈log₂ splats⌉` the sum stays at or below 2^(20 + fraction_bits) · splats ≤ 2⁶² < 2⁶³. Splats beyond the
+/// promised number overflow only after as many again.
 #[derive(Debug)]
 pub struct Film {
     width: u32,

@@ -1,8 +1,8 @@
 //! Jobs over HTTP: scenes come in, pictures go out, and what was accepted is done in spite of any crash.
 //!
 //! ```text
-//! HTTP ─ guard (host, origin, token) ─ api ─▶ ledger (SQLite) ─▶ runner ─▶ Pictures ─▶ schedule::Service
-//!                                       └──▶ store (scenes by hash)   └── partial films, then results in files
+//! HTTP - guard (host, origin, token) - api -> ledger (SQLite) -> runner -> Pictures -> schedule::Service
+//!                                       +--> store (scenes by hash)   +-- partial films, then results in files
 //! ```
 //!
 //! The service knows neither options nor formats of scenes: [`Pictures`] checks and renders, and the command line

@@ -32,10 +32,8 @@ pub enum Value {
 /// Digits, or a word for a number.
 fn number_pattern() -> String {
     let words: Vec<&str> = WORDS.iter().map(|(word, _)| *word).collect();
-    format!(
-        r"((?:\d{{1,3}}(?:[ ,\u{{a0}}\u{{202f}}]\d{{3}})+|2[⁰¹²³⁴-⁹]+|\d+(?:\.\d+)?)(?:[kM]\b| million\b)?|(?:{})\b)",
-        words.join("|")
-    )
+    let digits = r"\d{1,3}(?:[ ,\u{a0}\u{202f}]\d{3})+|2[⁰¹²³⁴-⁹]+|\d+(?:\.\d+)?";
+    format!(r"((?:{digits})(?:[kM]\b| million\b)?|(?:{})\b)", words.join("|"))
 }
 
 const WORDS: [(&str, f64); 33] = [

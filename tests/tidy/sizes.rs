@@ -8,6 +8,8 @@ use super::tree::Tree;
 const FILE_LINES: usize = 600;
 const FUNCTION_LINES: usize = 70;
 const COLUMNS: usize = 120;
+/// Bytes of a line, which some tools count: diagrams are of ASCII.
+const BYTES: usize = 125;
 /// Pages that are read in one sitting, and their lines.
 const PAGES: [(&str, usize); 2] = [("README.md", 150), ("src/ARCHITECTURE.md", 180)];
 /// Folders whose files and functions are limited.
@@ -90,6 +92,8 @@ fn wide_lines(path: &str, text: &str, breaches: &mut Vec<Breach>) {
         let columns = line.chars().count();
         if columns > COLUMNS {
             breaches.push(Breach::new(path, index + 1, format!("{columns} columns, more than {COLUMNS}")));
+        } else if line.len() > BYTES {
+            breaches.push(Breach::new(path, index + 1, format!("{} bytes, more than {BYTES}", line.len())));
         }
     }
 }

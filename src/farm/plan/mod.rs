@@ -2,9 +2,9 @@
 //! (`crate::serve::decisions`), and charges measured [`Costs`] for what machines, network and coordinator do.
 //!
 //! ```text
-//! planner ─ offer ─▶ bus ─ lease ─▶ slot of a machine: ask ─▶ scene ─▶ render ─▶ send ─┐
-//!    ▲                                                                                 ▼
-//!    └───────────── coordinator: link, threads, lock of the frame, ledger ◀── result ──┘
+//! planner - offer -> bus - lease -> slot of a machine: ask -> scene -> render -> send -+
+//!    ^                                                                                 v
+//!    +------------- coordinator: link, threads, lock of the frame, ledger <-- result --+
 //! ```
 //!
 //! Time is simulated from event to event; the same farm, costs and jobs give the same prediction. A machine's units

@@ -54,7 +54,8 @@ pub enum Distortion {
     /// A pinhole.
     #[default]
     None,
-    /// The rational model (Brown 1966; OpenCV's `calib3d`): x″ = x′·R + 2 p1 x′y′ + p2 (r² + 2x′²) + s1 r² + s2 r⁴ and
+    /// The rational model (Brown 1966; OpenCV's `calib3d`):
+    /// x″ = x′·R + 2 p1 x′y′ + p2 (r² + 2x′²) + s1 r² + s2 r⁴ and
     /// y″ = y′·R + p1 (r² + 2y′²) + 2 p2 x′y′ + s3 r² + s4 r⁴, where r² = x′² + y′² and
     /// R = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶).
     BrownConrady {

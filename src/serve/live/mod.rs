@@ -5,9 +5,9 @@
 //! beside it. [`socket`] joins a view to a WebSocket.
 //!
 //! ```text
-//! requests ─▶ inbox ─▶ render thread ── pictures of passes ──▶ encoder ── newest frame ─▶ outbox ─▶ socket
-//!                          │  ▲ ends of jobs                                              ▲
-//!                          ▼  │                                 replies, statistics ──────┘
+//! requests -> inbox -> render thread -- pictures of passes --> encoder -- newest frame -> outbox -> socket
+//!                          |  ^ ends of jobs                                              ^
+//!                          v  |                                 replies, statistics ------+
 //!                       schedule::Service
 //! ```
 

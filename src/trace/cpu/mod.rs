@@ -6,18 +6,18 @@
 //! one point is traced as packets; any other is traced as lists of single rays.
 //!
 //! ```text
-//!  rays ──split_substreams──▶ sub-stream ──one origin?──┬─ yes ─▶ packet::form ─▶ lists of packets ─┐
-//!                                                       └─ no ──▶ setup ────────▶ lists of ids ─────┤
-//!                                                                                                   ▼
+//!  rays --split_substreams--> sub-stream --one origin?--+- yes -> packet::form -> lists of packets -+
+//!                                                       +- no --> setup --------> lists of ids -----+
+//!                                                                                                   v
 //!    one stack per octant                                  traversal: two octants take turns, a visit each
-//!   ┌──────────────────────┐  pop   ┌──────────────────────────┐
-//!   │ child 7  list of 3   │ ─────▶ │ visit a node:            │  survivors   one list per child,
-//!   │ child 2  list of 41  │        │ 16 rays × 8 boxes        │ ───────────▶ pushed in visit order
-//!   │ child 5  list of 200 │        ├──────────────────────────┤
-//!   └──────────────────────┘  pop   │ visit a leaf block:      │  hits        row.limit shrinks,
-//!    short lists end as pairs ────▶ │ 16 rays × each triangle, │ ───────────▶ answers are written
-//!    (ray, child), in batches       │ or 1 ray × 8 triangles   │
-//!                                   └──────────────────────────┘
+//!   +----------------------+  pop   +--------------------------+
+//!   | child 7  list of 3   | -----> | visit a node:            |  survivors   one list per child,
+//!   | child 2  list of 41  |        | 16 rays × 8 boxes        | -----------> pushed in visit order
+//!   | child 5  list of 200 |        +--------------------------+
+//!   +----------------------+  pop   | visit a leaf block:      |  hits        row.limit shrinks,
+//!    short lists end as pairs ----> | 16 rays × each triangle, | -----------> answers are written
+//!    (ray, child), in batches       | or 1 ray × 8 triangles   |
+//!                                   +--------------------------+
 //! ```
 //!
 //! - **Lists by octant.** Rays are sorted by the octant of their direction, so all rays of a list cross a box by the

@@ -2,8 +2,8 @@
 //! `docs/glossary.md` explains the words.
 //!
 //! ```text
-//! AdapterChoice ─▶ Gpu (adapter, device, queue) ──────────┐
-//! Bvh ─flatten─▶ scene buffers, kernels (DeviceScene) ────┴▶ GpuTracer
+//! AdapterChoice -> Gpu (adapter, device, queue) ----------+
+//! Bvh -flatten-> scene buffers, kernels (DeviceScene) ----+> GpuTracer
 //! ```
 //!
 //! The device's arithmetic is not trusted to the bit. For each ray the device names up to three *candidates*:
@@ -18,19 +18,19 @@
 //! dispatch thread                                            device
 //!
 //! encode       bind rays, params, answers; record copies
-//!    │         and both kernels (dispatch.rs)
-//! submit ───────────────────────────────────────────────────▶ copy rays, unless it reads them where they lie
-//!    │                                                        trace_closest, trace_any
+//!    |         and both kernels (dispatch.rs)
+//! submit ---------------------------------------------------> copy rays, unless it reads them where they lie
+//!    |                                                        trace_closest, trace_any
 //! map          request access to the answers                  copy answers
-//!    │                                                          │
-//!  (wait)      poll, watched by the watchdog ◀──────────────────┘
-//!    │
+//!    |                                                          |
+//!  (wait)      poll, watched by the watchdog <------------------+
+//!    |
 //! read back    candidates are in host memory; buffers are free for the next dispatch
-//!    │
+//!    |
 //! resolve      canonical test of each candidate; CPU tracer for undecided rays (resolve.rs)
-//!    │
+//!    |
 //! cross-check  the CPU traces a sample of the rays again (cross_check.rs)
-//!    ▼
+//!    v
 //! canonical hits; or DeviceError::Lost: the stream goes back to the scheduler untraced, and another device is
 //! opened in the background (device_replacement.rs)
 //! ```
