@@ -10,19 +10,18 @@
 //! 2. Each stack has room for [`capacity`] entries: a visit of a node pops one entry and pushes at most eight, so eight
 //!    for each level of the tree are enough, after the first; and pushing writes a vector. The first is
 //!    [`Child::NONE`]: a ray that pops it is done.
-//! 3. Offsets in `FACES` are those of a node's faces, those in `OFFSETS` of eight rays. Arrays that are read or written
+//! 3. Offsets in `FACES` are those of a node's faces, those in `FIRST_IDS` of consecutive rays. Arrays that are read or written
 //!    in lanes have as many elements.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::World;
-use super::lane_math::{add, sub};
-use super::setup::{self, RowColumns};
+use super::setup::{self, FIRST_IDS, RowColumns};
 use super::single::{Accept, Leaves, Query, Search, TriangleLeaves};
 use super::slabs::{Faces, Slabs};
 use super::tree_view::TreeView;
 use super::triangle::Lines;
 use crate::bvh::{Bvh, Child, WIDTH};
-use crate::lanes::{Lanes, each, first_lanes, from_index, load_eights, splat};
+use crate::lanes::{Lanes, first_lanes, from_index, load_eights, splat};
 use crate::stream::{Hit, Ray};
 
 /// Rays that take turns.
@@ -302,12 +301,10 @@ impl Columns {
         some[..count].copy_from_slice(&rays[first..first + count]);
         let among = first_lanes::<E>(count);
         // SAFETY: invariant 3.
-        let rays = unsafe { e.rows(some.as_ptr().cast(), OFFSETS.as_ptr()) };
+        let rays = unsafe { e.rows(some.as_ptr().cast(), FIRST_IDS.as_ptr()) };
         let RowColumns { columns, valid, negative } = setup::row_columns(e, scene_max_abs, among, rays);
         let [ix, iy, iz, sx, sy, sz, slack, _] = columns;
-        let (inverse, shift) = ([ix, iy, iz], [sx, sy, sz]);
-        let pad = each(inverse, |inverse| e.mul(slack, e.abs(inverse)));
-        let (near, far) = (sub(e, shift, pad), add(e, shift, pad));
+        let Slabs { inverse, near, far } = Slabs::new(e, [ix, iy, iz], [sx, sy, sz], slack);
         for axis in 0..3 {
             for (column, values) in
                 [(&mut self.inverse, inverse), (&mut self.near, near), (&mut self.far, far)]
@@ -329,21 +326,10 @@ impl Columns {
     fn slabs<E: Lanes>(&self, e: E, ray: usize) -> Slabs<E> {
         let ray = ray % AT_ONCE;
         let Self { inverse: i, near: n, far: f } = self;
-        Slabs::of_parts(
-            splat(e, [i[0][ray], i[1][ray], i[2][ray]]),
-            splat(e, [n[0][ray], n[1][ray], n[2][ray]]),
-            splat(e, [f[0][ray], f[1][ray], f[2][ray]]),
-        )
+        Slabs {
+            inverse: splat(e, [i[0][ray], i[1][ray], i[2][ray]]),
+            near: splat(e, [n[0][ray], n[1][ray], n[2][ray]]),
+            far: splat(e, [f[0][ray], f[1][ray], f[2][ray]]),
+        }
     }
 }
-
-/// Byte offsets of consecutive rays.
-static OFFSETS: [u32; WIDTH] = {
-    let mut offsets = [0; WIDTH];
-    let mut i = 0;
-    while i < WIDTH {
-        offsets[i] = (i * size_of::<Ray>()) as u32;
-        i += 1;
-    }
-    offsets
-};

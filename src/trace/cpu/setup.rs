@@ -12,7 +12,7 @@ use crate::lanes::{LaneBits, Lanes, MAX_LANES, each, first_lanes, from_index};
 use crate::stream::Ray;
 
 /// Byte offsets of consecutive rows, and of rays: the ids of the first rays of a sub-stream.
-static FIRST_IDS: [u32; MAX_LANES] = {
+pub(super) static FIRST_IDS: [u32; MAX_LANES] = {
     let mut ids = [0; MAX_LANES];
     let mut i = 0;
     while i < MAX_LANES {

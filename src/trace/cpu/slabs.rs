@@ -55,9 +55,9 @@ impl<'a> Faces<'a> {
 /// The slab test's constants of rays: a ray crosses the plane at coordinate `x` of an axis at `x * inverse + near`
 /// where it enters a slab, and at `x * inverse + far` where it leaves one.
 pub(crate) struct Slabs<L: Lanes> {
-    inverse: LaneVec3<L>,
-    near: LaneVec3<L>,
-    far: LaneVec3<L>,
+    pub(super) inverse: LaneVec3<L>,
+    pub(super) near: LaneVec3<L>,
+    pub(super) far: LaneVec3<L>,
 }
 
 impl<L: Lanes> Slabs<L> {
@@ -72,12 +72,6 @@ impl<L: Lanes> Slabs<L> {
     #[inline(always)]
     pub fn without_slack(inverse: LaneVec3<L>, shift: LaneVec3<L>) -> Self {
         Self { inverse, near: shift, far: shift }
-    }
-
-    /// These constants.
-    #[inline(always)]
-    pub fn of_parts(inverse: LaneVec3<L>, near: LaneVec3<L>, far: LaneVec3<L>) -> Self {
-        Self { inverse, near, far }
     }
 
     /// The constants of one ray, in all lanes.
