@@ -10,8 +10,8 @@
 //! 2. Each stack has room for [`capacity`] entries: a visit of a node pops one entry and pushes at most eight, so eight
 //!    for each level of the tree are enough, after the first; and pushing writes a vector. The first is
 //!    [`Child::NONE`]: a ray that pops it is done.
-//! 3. Offsets in `FACES` are those of a node's faces, those in `FIRST_IDS` of consecutive rays. Arrays that are read or written
-//!    in lanes have as many elements.
+//! 3. Offsets in `FACES` are those of a node's faces, those in `FIRST_IDS` of consecutive rays. Arrays that are read or
+//!    written in lanes have as many elements.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::World;
