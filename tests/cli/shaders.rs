@@ -109,7 +109,7 @@ const INTEGRATORS: [&str; 5] = ["whitted", "whitted_split", "ambient_occlusion",
 fn integrators_give_the_same_bytes_for_any_threads_level_and_split() {
     let folder = folder();
     let folder = folder.path();
-    let (scene, mut levels) = (shipped("showcase.json"), 0);
+    let (scene, mut levels) = (shipped("glass.json"), 0);
     for name in INTEGRATORS {
         let shader = shipped(&format!("shaders/{name}.wgsl"));
         let small = ["--size", "48x27", "--spp", "4", "--tracer", "cpu", "--stats", "s.json"];
