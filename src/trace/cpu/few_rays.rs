@@ -10,8 +10,8 @@
 //! 2. Each stack has room for [`capacity`] entries: a visit of a node pops one entry and pushes at most eight, so eight
 //!    for each level of the tree are enough, after the first; and pushing writes a vector. The first is
 //!    [`Child::NONE`]: a ray that pops it is done.
-//! 3. Offsets in `FACES` are those of a node's faces, those in `FIRST_IDS` of consecutive rays. Arrays that are read or
-//!    written in lanes have as many elements.
+//! 3. What a turn says of near faces is 0 or [`UPPER`] for each axis, so faces lie in the node. Offsets in `FIRST_IDS`
+//!    are those of consecutive rays. Arrays that are read or written in lanes have as many elements.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::World;
@@ -55,7 +55,9 @@ fn capacity(depth: usize) -> usize {
 /// A ray on its way through the tree.
 #[derive(Clone, Copy)]
 struct Turn {
-    octant: u32,
+    /// How many bytes further than the lower faces across each axis the near ones are.
+    near: [u8; 3],
+    octant: u8,
     /// What it visits next; [`Child::NONE`] at the end.
     child: Child,
     /// Where its stack begins and ends.
@@ -72,17 +74,19 @@ struct Columns {
     far: [[f32; AT_ONCE]; 3],
 }
 
-/// Where the near and the far faces of a node lie for rays of each octant, in bytes.
-static FACES: [[u32; 6]; 8] = {
-    const FACE: u32 = size_of::<[f32; WIDTH]>() as u32;
-    let mut faces = [[0; 6]; 8];
-    let mut at = 0;
-    while at < 8 * 6 {
-        let (octant, axis, is_far) = (at as u32 / 6, at as u32 % 3, at as u32 % 6 / 3);
-        faces[at / 6][at % 6] = FACE * (axis + 3 * ((octant >> axis & 1) ^ is_far));
-        at += 1;
+/// The size of a face, and how many bytes further than the lower faces of a node the upper ones are.
+const FACE: usize = size_of::<[f32; WIDTH]>();
+const UPPER: usize = 3 * FACE;
+
+/// The slots of a node, as the bits of numbers.
+static SLOTS: [f32; WIDTH] = {
+    let mut slots = [0.0; WIDTH];
+    let mut slot = 0;
+    while slot < WIDTH {
+        slots[slot] = f32::from_bits(slot as u32);
+        slot += 1;
     }
-    faces
+    slots
 };
 
 /// Answers each ray with its nearest hit, or with any hit if `ANY`.
@@ -146,7 +150,7 @@ impl Part<'_> {
         accept: &mut A,
         answer: &mut impl FnMut(usize, Hit),
     ) {
-        let none = Turn { octant: 0, child: Child::NONE, bottom: 0, top: 0, best: Hit::NONE };
+        let none = Turn { near: [0; 3], octant: 0, child: Child::NONE, bottom: 0, top: 0, best: Hit::NONE };
         let mut turns = [none; AT_ONCE];
         // The rays whose next child is an inner node. Those whose next is a leaf block: of this round, and of the next.
         let (mut at_nodes, mut at_blocks) = ([0; AT_ONCE], [[0; AT_ONCE]; 2]);
@@ -159,7 +163,15 @@ impl Part<'_> {
                 // SAFETY: invariant 2.
                 unsafe { *self.children.add(bottom as usize) = bytemuck::cast(Child::NONE) };
                 let best = Hit { t: self.rays[ray].t_max, ..Hit::NONE };
-                turns[ray] = Turn { octant: octant % 8, child: Child::ROOT, bottom, top: bottom + 1, best };
+                let near = [0, 1, 2].map(|axis| (octant >> axis & 1) as u8 * UPPER as u8);
+                turns[ray] = Turn {
+                    near,
+                    octant: octant as u8 % 8,
+                    child: Child::ROOT,
+                    bottom,
+                    top: bottom + 1,
+                    best,
+                };
                 append(&mut at_nodes, &mut nodes, ray, octant < 8);
             }
         }
@@ -201,18 +213,22 @@ impl Part<'_> {
     unsafe fn visit_node<E: Lanes>(&self, e: E, ray: usize, turn: &mut Turn) -> Child {
         // SAFETY: invariant 1.
         let node = unsafe { self.tree.node(turn.child) };
-        let faces = &raw const node.faces;
+        let lower = &raw const node.faces;
         // SAFETY: invariant 3.
-        let face = |offset: u32| unsafe { &*faces.byte_add(offset as usize).cast::<[f32; WIDTH]>() };
-        let [nx, ny, nz, fx, fy, fz] = FACES[turn.octant as usize % 8];
-        let (near, far) = ([face(nx), face(ny), face(nz)], [face(fx), face(fy), face(fz)]);
+        let face = |offset: usize| unsafe { &*lower.byte_add(offset).cast::<[f32; WIDTH]>() };
+        let [x, y, z] = [turn.near[0] as usize, turn.near[1] as usize, turn.near[2] as usize];
+        let near = [face(x), face(y + FACE), face(z + 2 * FACE)];
+        let far = [face(UPPER - x), face(UPPER - y + FACE), face(UPPER - z + 2 * FACE)];
         let slabs = self.columns.slabs(e, ray);
         let (enter, leave) = slabs.clamped_distances(e, &Faces { near, far }, e.splat(turn.best.t));
         let entered = e.le(0xff, enter, leave);
-        let nearest = e.lowest(e.select(entered, enter, e.splat(f32::INFINITY)));
-        let at_nearest = e.eq(entered, enter, e.splat(nearest));
-        let first = at_nearest & at_nearest.wrapping_neg();
-        let others = entered & !first;
+        // The slot stands in the last bits of the distance, so the least of all says which it is. An infinite distance
+        // would become no number.
+        let (slots, upper) = (load_eights(e, [&SLOTS; 2]), e.splat_u32(!(WIDTH as u32 - 1)));
+        let with_slot = e.or_u32(e.and_u32(e.bits(e.min(enter, e.splat(f32::MAX))), upper), e.bits(slots));
+        let nearest = e.lowest(e.select(entered, e.from_bits(with_slot), e.splat(f32::INFINITY)));
+        let slot = nearest.to_bits() as usize % WIDTH;
+        let others = entered & !(1 << slot);
         // SAFETY: invariant 2.
         unsafe {
             let top = turn.top as usize;
@@ -221,7 +237,6 @@ impl Part<'_> {
             e.append(self.enters.add(top), others, e.bits(enter));
             let top = top + others.count_ones() as usize;
             let popped: Child = bytemuck::cast(*self.children.add(top - 1));
-            let slot = first.trailing_zeros() as usize % WIDTH;
             turn.child = if entered == 0 { popped } else { node.children[slot] };
             turn.top = (top - usize::from(entered == 0)) as u32;
         }

@@ -8,6 +8,7 @@
 use crate::bvh::{Child, Filter, LeafBlock, LeafBlocks, WideNode, WideTree};
 use crate::lanes::Prefetch;
 use crate::stream::Ray;
+use std::hint;
 
 /// A tree's nodes and leaf blocks, with the filter of its masked triangles.
 #[derive(Clone, Copy)]
@@ -81,16 +82,14 @@ impl<'a> TreeView<'a> {
     }
 
     /// Prefetches a node or a leaf block into the nearest cache. There is no branch, which would be mispredicted where
-    /// children are as often the one as the other.
+    /// children are as often the one as the other. Four lines hold a node, and all but the largest blocks.
     #[inline(always)]
     pub fn prefetch_either(&self, child: Child) {
         let node = self.nodes.as_ptr().wrapping_add(child.index()).addr();
         let block = self.blocks.address(child).addr();
-        let if_block = usize::from(child.is_block()).wrapping_neg();
-        let start = node ^ ((node ^ block) & if_block);
-        let last = 192 ^ ((192 ^ (24 * child.triangles())) & if_block);
+        let start = hint::select_unpredictable(child.is_block(), block, node);
         let line = |at| std::ptr::without_provenance::<u8>(start.wrapping_add(at));
-        Prefetch::First.each([line(0), line(64), line(128), line(last)]);
+        Prefetch::First.each([line(0), line(64), line(128), line(192)]);
     }
 
     /// Prefetches all children of a node.
