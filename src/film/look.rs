@@ -73,13 +73,18 @@ impl Look {
 
     /// What a picture file stores for each channel of each pixel, in 0..=1.
     pub fn encode<'a>(&self, image: &'a Image) -> impl Iterator<Item = f32> + use<'a> {
+        let shown = self.encoder(image);
+        image.pixels.iter().flat_map(move |&pixel| shown(pixel))
+    }
+
+    /// [`Look::encode`] for single pixels of an image.
+    pub(super) fn encoder(&self, image: &Image) -> impl Fn([f32; 3]) -> [f32; 3] + Sync + use<> {
         let gain = libm::exp2f(self.stops(image));
         let balance = self.white_kelvin.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], balance);
         let (rows, view) = (balance.map(|row| row.map(|factor| factor * gain)), self.view);
         // A channel that is NaN or infinite leaves the others alone.
         let finite = |channel: f32| if channel > 0.0 { channel.min(1e30) } else { 0.0 };
-        let shown = move |pixel: &[f32; 3]| view.apply(times(&rows, pixel.map(finite)));
-        image.pixels.iter().flat_map(move |pixel| shown(pixel).map(|light| view.encode(light)))
+        move |pixel| view.apply(times(&rows, pixel.map(finite))).map(|light| view.encode(light))
     }
 }
 

@@ -66,6 +66,40 @@ fn transpose_parts<const VL: bool>(_: EightLanes<VL>, r: [F; 4]) -> [F; 4] {
     }
 }
 
+/// Reads rows 0 and 4 of eight into the halves of a vector, each of `N` numbers.
+///
+/// # Safety
+/// As for [`Lanes::gather_rows`], with the numbers that lie behind `first`; `N` is 3 or 4.
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn short_rows<const N: usize, const VL: bool>(
+    token: EightLanes<VL>,
+    from: *const u32,
+    first: *const u32,
+) -> F {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        let low = _mm256_castps128_ps256(short_row::<N, VL>(token, from, *first));
+        _mm256_insertf128_ps::<1>(low, short_row::<N, VL>(token, from, *first.add(4)))
+    }
+}
+
+/// Reads a row of `N` numbers.
+///
+/// # Safety
+/// The row can be read; `N` is 3 or 4.
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn short_row<const N: usize, const VL: bool>(
+    _: EightLanes<VL>,
+    from: *const u32,
+    first: u32,
+) -> __m128 {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        let row = from.add(first as usize).cast();
+        if N == 3 { _mm_maskload_ps(row, _mm_setr_epi32(-1, -1, -1, 0)) } else { _mm_loadu_ps(row) }
+    }
+}
+
 /// The lower halves of two vectors, and their upper halves.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn halves<const VL: bool>(_: EightLanes<VL>, a: F, b: F) -> [F; 2] {
@@ -255,6 +289,37 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
             ]
         };
         transpose(self, rows)
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn gather_rows<const N: usize>(self, from: *const u32, first: I) -> [I; N] {
+        let mut columns = [first; N];
+        // SAFETY: invariants 1 and 2; there are eight rows.
+        unsafe {
+            if N == 3 || N == 4 {
+                // Three gathers take more than twice as long.
+                let mut at = [0; 8];
+                self.store_u32(at.as_mut_ptr(), first);
+                let at = at.as_ptr();
+                let transposed = transpose_parts(
+                    self,
+                    [
+                        short_rows::<N, VL>(self, from, at),
+                        short_rows::<N, VL>(self, from, at.add(1)),
+                        short_rows::<N, VL>(self, from, at.add(2)),
+                        short_rows::<N, VL>(self, from, at.add(3)),
+                    ],
+                );
+                for (k, column) in columns.iter_mut().enumerate() {
+                    *column = self.bits(transposed[k]);
+                }
+            } else {
+                for (k, column) in columns.iter_mut().enumerate() {
+                    *column = self.gather(from.add(k), first);
+                }
+            }
+        }
+        columns
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

@@ -87,6 +87,34 @@ unsafe fn row_pair(_: Avx512, base: *const f32, low: u32, high: u32) -> F {
     }
 }
 
+/// Reads rows 0, 4, 8 and 12 of sixteen into the 128-bit parts of a vector, each of `N` numbers.
+///
+/// # Safety
+/// As for [`Lanes::gather_rows`], with the numbers that lie behind `first`; `N` is 3 or 4.
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn short_rows<const N: usize>(token: Avx512, from: *const u32, first: *const u32) -> F {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        let rows = _mm512_castps128_ps512(short_row::<N>(token, from, *first));
+        let rows = _mm512_insertf32x4::<1>(rows, short_row::<N>(token, from, *first.add(4)));
+        let rows = _mm512_insertf32x4::<2>(rows, short_row::<N>(token, from, *first.add(8)));
+        _mm512_insertf32x4::<3>(rows, short_row::<N>(token, from, *first.add(12)))
+    }
+}
+
+/// Reads a row of `N` numbers.
+///
+/// # Safety
+/// The row can be read; `N` is 3 or 4.
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn short_row<const N: usize>(_: Avx512, from: *const u32, first: u32) -> __m128 {
+    // SAFETY: invariants 1 and 2.
+    unsafe {
+        let row = from.add(first as usize).cast();
+        if N == 3 { _mm_maskz_loadu_ps(0b111, row) } else { _mm_loadu_ps(row) }
+    }
+}
+
 /// The lower halves of two vectors, and their upper halves.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn halves(_: Avx512, a: F, b: F) -> [F; 2] {
@@ -236,6 +264,37 @@ impl Lanes for Avx512 {
         let [c, g] = alternate_parts(self, low[2], high[2]);
         let [d, h] = alternate_parts(self, low[3], high[3]);
         [a, b, c, d, e, f, g, h]
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn gather_rows<const N: usize>(self, from: *const u32, first: I) -> [I; N] {
+        let mut columns = [first; N];
+        // SAFETY: invariants 1 and 2; there are sixteen rows.
+        unsafe {
+            if N == 3 || N == 4 {
+                // Three gathers take more than twice as long.
+                let mut at = [0; 16];
+                self.store_u32(at.as_mut_ptr(), first);
+                let at = at.as_ptr();
+                let transposed = transpose_parts(
+                    self,
+                    [
+                        short_rows::<N>(self, from, at),
+                        short_rows::<N>(self, from, at.add(1)),
+                        short_rows::<N>(self, from, at.add(2)),
+                        short_rows::<N>(self, from, at.add(3)),
+                    ],
+                );
+                for (k, column) in columns.iter_mut().enumerate() {
+                    *column = self.bits(transposed[k]);
+                }
+            } else {
+                for (k, column) in columns.iter_mut().enumerate() {
+                    *column = self.gather(from.add(k), first);
+                }
+            }
+        }
+        columns
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]

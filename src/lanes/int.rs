@@ -175,10 +175,11 @@ impl<L: Lanes> Int<L> {
             return columns;
         }
         let first = if N == 1 { self.i } else { self.l.mul_u32(self.i, self.l.splat_u32(N as u32)) };
+        // SAFETY: invariant 2: first + N is at most the table's length.
+        let words = unsafe { self.l.gather_rows::<N>(table.as_ptr(), first) };
         let mut columns = [self; N];
         for (k, column) in columns.iter_mut().enumerate() {
-            // SAFETY: invariant 2: k < N, and first + N is at most the table's length.
-            column.i = unsafe { self.l.gather(table.as_ptr().add(k), first) };
+            column.i = words[k];
         }
         columns
     }

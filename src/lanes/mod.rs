@@ -250,6 +250,20 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// # Safety
     /// Each index is below 2³¹ and leads to a readable word after `from`.
     unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I;
+    /// Reads rows of `N` words, the row of lane `i` at word `first[i]` of a table, and transposes them into `N` vectors,
+    /// one per column.
+    ///
+    /// # Safety
+    /// Each of `first` is below 2³¹ and leads to a readable row after `from`.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn gather_rows<const N: usize>(self, from: *const u32, first: Self::I) -> [Self::I; N] {
+        let mut columns = [first; N];
+        for (k, column) in columns.iter_mut().enumerate() {
+            // SAFETY: the caller vouches for all words of the row.
+            *column = unsafe { self.gather(from.add(k), first) };
+        }
+        columns
+    }
     /// Writes the words of the lanes in `mask`, in order, one after the other. The words after them, up to `LANES` in
     /// all, are unspecified.
     ///

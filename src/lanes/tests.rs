@@ -142,8 +142,23 @@ impl LaneTask for Memory {
             let row = row(lane);
             assert_eq!(back[4 * lane..4 * lane + 4], [row[7], row[0], row[2], row[5]]);
         }
+        short_rows::<L, 1>(l);
+        short_rows::<L, 2>(l);
+        short_rows::<L, 3>(l);
+        short_rows::<L, 4>(l);
         pack(l, &offsets);
         look_up(l, &rows);
+    }
+}
+
+/// Rows of few words, the last of a table too.
+fn short_rows<L: Lanes, const N: usize>(l: L) {
+    let table: Vec<u32> = (0..N as u32 * 40).map(|i| i * 3 + 1).collect();
+    let rows: Vec<u32> = (0..L::LANES as u32).map(|i| 39 - i * 7 % 40).collect();
+    let columns = Int::load(l, &rows).rows::<N>(&table);
+    for (k, column) in columns.iter().enumerate() {
+        let expected: Vec<u32> = rows.iter().map(|&row| table[row as usize * N + k]).collect();
+        assert_eq!(words(l, column.i), expected, "column {k} of {N}");
     }
 }
 

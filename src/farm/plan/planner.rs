@@ -202,7 +202,7 @@ impl Simulator<'_> {
             let (job, speed) = (run.seq as u32, run.speed);
             run.frames.iter_mut().find_map(|(number, frame)| {
                 let (row, is_cut) = frame.units.take(*number, sizes, speed)?;
-                let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
+                let samples = row.samples();
                 let flight = Flight {
                     job,
                     frame: *number,

@@ -4,6 +4,7 @@ use super::super::{Exposure, Image, Look, Picture};
 use super::PngBits;
 use super::metadata::{SOFTWARE, name_in_file};
 use png::ColorType;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -43,20 +44,22 @@ pub fn encode(
     Ok(writer.finish()?)
 }
 
-/// The channels of all pixels as PNG stores them.
+/// The channels of all pixels as PNG stores them. All threads of rayon's pool take part.
 pub fn samples(picture: &Picture, look: &Look, bits: PngBits) -> Vec<u8> {
-    let look = measured(look, &picture.image);
+    const AT_ONCE: usize = 4096;
     let straight = straight(picture);
-    let mut colours = look.encode(&straight);
-    let mut bytes = Vec::new();
-    let mut push = |value| push(&mut bytes, value, bits);
-    for pixel in 0..straight.pixels.len() {
-        colours.by_ref().take(3).for_each(&mut push);
-        if let Some(alpha) = &picture.alpha {
-            push(alpha[pixel].clamp(0.0, 1.0));
+    let shown = measured(look, &picture.image).encoder(&straight);
+    let parts = straight.pixels.par_chunks(AT_ONCE).enumerate().map(|(part, pixels)| {
+        let mut bytes = Vec::new();
+        for (at, &pixel) in pixels.iter().enumerate() {
+            shown(pixel).into_iter().for_each(|value| push(&mut bytes, value, bits));
+            if let Some(alpha) = &picture.alpha {
+                push(&mut bytes, alpha[part * AT_ONCE + at].clamp(0.0, 1.0), bits);
+            }
         }
-    }
-    bytes
+        bytes
+    });
+    parts.collect::<Vec<_>>().concat()
 }
 
 /// The look with the exposure that it gives to this image: automatic exposure looks at the picture as it is.

@@ -3,7 +3,9 @@
 use super::{positive, within};
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
+use rayon::prelude::*;
 use serde::Deserialize;
+use std::sync::Arc;
 
 /// A generated texture. Colours are 8-bit sRGB.
 #[derive(Clone, Debug, Deserialize)]
@@ -135,12 +137,11 @@ fn nearest_flake(x: f64, y: f64, cells: u32) -> u32 {
 }
 
 /// Computes texels from a function of texture coordinates to channels in 0..255.
-fn texels(colour: impl Fn(f64, f64) -> [f64; 3]) -> std::sync::Arc<[[u8; 4]]> {
-    (0..SIZE * SIZE)
-        .map(|i| {
-            let at = |k: u32| (f64::from(k) + 0.5) / f64::from(SIZE);
-            let [r, g, b] = colour(at(i % SIZE), at(i / SIZE)).map(|c| c.clamp(0.0, 255.0) as u8);
-            [r, g, b, 255]
-        })
-        .collect()
+fn texels(colour: impl Fn(f64, f64) -> [f64; 3] + Sync) -> Arc<[[u8; 4]]> {
+    let texel = |i: u32| {
+        let at = |k: u32| (f64::from(k) + 0.5) / f64::from(SIZE);
+        let [r, g, b] = colour(at(i % SIZE), at(i / SIZE)).map(|c| c.clamp(0.0, 255.0) as u8);
+        [r, g, b, 255]
+    };
+    (0..SIZE * SIZE).into_par_iter().map(texel).collect()
 }

@@ -4,6 +4,7 @@ use super::{positive, readable, within};
 use crate::scene::{Mesh, MeshSize};
 use glam::{Quat, Vec2, Vec3};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
+use rayon::prelude::*;
 use serde::Deserialize;
 use std::f32::consts::TAU;
 
@@ -110,7 +111,7 @@ const MAX_FEATURES: f64 = 1e12;
 
 impl FractalNoise {
     /// The displacement at points whose coordinates are at most `reach` in magnitude.
-    fn noise(&self, reach: f32) -> Result<impl Fn(Vec3) -> f32 + use<>, String> {
+    fn noise(&self, reach: f32) -> Result<impl Fn(Vec3) -> f32 + Sync + use<>, String> {
         within("octaves", self.octaves, 1, 12)?;
         let features = self.frequency * f64::from(reach);
         if features.is_nan() || features.abs() > MAX_FEATURES {
@@ -165,10 +166,8 @@ impl Shape {
             Self::Quad { corner, u, v, repeat } => {
                 let normal =
                     u.cross(*v).try_normalize().ok_or("u and v must be neither zero nor parallel")?;
-                grid([1, 1], [false; 2], material, mesh, |[x, y]| {
-                    let uv = Vec2::new(x, 1.0 - y) * *repeat;
-                    (*corner + *u * x + *v * y, normal, uv)
-                });
+                let uv = |[x, y]: [f32; 2]| Vec2::new(x, 1.0 - y) * *repeat;
+                grid([1, 1], [false; 2], material, mesh, uv, |[x, y]| (*corner + *u * x + *v * y, normal));
             }
             Self::Polygon { points } => polygon(points, material, mesh)?,
             Self::Block { centre, half, round, turn_degrees, cells } => {
@@ -198,15 +197,15 @@ impl Shape {
                 within("q", *q, 1, 64)?;
                 let turn = Quat::from_rotation_y(turn_degrees.to_radians());
                 let curve = |t: f32| torus_knot(*radius, *p as f32 * t, *q as f32 * t);
-                grid(*cells, [true; 2], material, mesh, |[x, y]| {
+                let uv = |[x, y]: [f32; 2]| Vec2::new(x * 24.0, y);
+                grid(*cells, [true; 2], material, mesh, uv, |[x, y]| {
                     let t = x * TAU;
                     let along = (curve(t + 1e-3) - curve(t - 1e-3)).normalize();
                     // The tangent never points at the knot's centre, so this frame does not flip.
                     let side = along.cross(curve(t)).normalize();
                     let up = side.cross(along);
                     let out = side * libm::cosf(y * TAU) + up * libm::sinf(y * TAU);
-                    let uv = Vec2::new(x * 24.0, y);
-                    (*centre + turn * (curve(t) + out * *tube), turn * out, uv)
+                    (*centre + turn * (curve(t) + out * *tube), turn * out)
                 });
             }
             Self::Terrain { centre, size, rough, clearing, cells } => {
@@ -215,12 +214,13 @@ impl Shape {
                 let height = |x: f32, z: f32| {
                     faded(x, z, *clearing) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
                 };
-                grid([*cells; 2], [false; 2], material, mesh, |[u, v]| {
+                let uv = |[u, v]: [f32; 2]| Vec2::new(u, 1.0 - v);
+                grid([*cells; 2], [false; 2], material, mesh, uv, |[u, v]| {
                     let (x, z) = ((u - 0.5) * *size, (0.5 - v) * *size);
                     let step = 0.5 * *size / *cells as f32;
                     let fall = |dx: f32, dz: f32| height(x - dx, z - dz) - height(x + dx, z + dz);
                     let normal = Vec3::new(fall(step, 0.0), 2.0 * step, fall(0.0, step));
-                    (*centre + Vec3::new(x, height(x, z), z), normal.normalize(), Vec2::new(u, 1.0 - v))
+                    (*centre + Vec3::new(x, height(x, z), z), normal.normalize())
                 });
             }
         }
@@ -298,22 +298,18 @@ fn grid(
     closed: [bool; 2],
     material: u32,
     mesh: &mut Mesh,
-    surface: impl Fn([f32; 2]) -> (Vec3, Vec3, Vec2),
+    uv: impl Fn([f32; 2]) -> Vec2,
+    surface: impl Fn([f32; 2]) -> (Vec3, Vec3) + Sync,
 ) {
-    let first = mesh.positions.len() as u32;
+    let (first, row) = (mesh.positions.len() as u32, cells[0] + 1);
     let at = |i: u32, axis: usize| i as f32 / cells[axis] as f32;
+    append_vertices(mesh, row * (cells[1] + 1), |k| {
+        let along = |i: u32, axis: usize| at(if closed[axis] { i % cells[axis] } else { i }, axis);
+        surface([along(k % row, 0), along(k / row, 1)])
+    });
     for j in 0..=cells[1] {
-        for i in 0..=cells[0] {
-            let (position, normal, _) = surface([
-                at(if closed[0] { i % cells[0] } else { i }, 0),
-                at(if closed[1] { j % cells[1] } else { j }, 1),
-            ]);
-            mesh.positions.push(position);
-            mesh.normals.push(normal);
-            mesh.uvs.push(surface([at(i, 0), at(j, 1)]).2);
-        }
+        mesh.uvs.extend((0..=cells[0]).map(|i| uv([at(i, 0), at(j, 1)])));
     }
-    let row = cells[0] + 1;
     for j in 0..cells[1] {
         for i in 0..cells[0] {
             let a = first + j * row + i;
@@ -324,26 +320,23 @@ fn grid(
 
 /// The surface of the cube −1..1, each face a grid. `place(face normal, point)` maps points to positions and normals.
 /// Points on shared edges are equal to the bit.
-fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3)) {
+fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3) + Sync) {
     for side in 0..6 {
         let face = Vec3::AXES[side % 3] * if side < 3 { 1.0 } else { -1.0 };
         let right = Vec3::AXES[(side + 1) % 3];
         let up = face.cross(right);
-        let first = mesh.positions.len() as u32;
+        let (first, row) = (mesh.positions.len() as u32, cells + 1);
         let at = |i: u32| -1.0 + 2.0 * i as f32 / cells as f32;
-        for j in 0..=cells {
+        append_vertices(mesh, row * row, |k| {
             // The second half is counted from the other end, so that both faces of an edge compute the same number.
-            for i in 0..=cells {
-                let along = |axis: Vec3, i: u32| {
-                    if axis.element_sum() > 0.0 { axis * at(i) } else { -axis * at(cells - i) }
-                };
-                let (position, normal) = place(face, face + along(right, i) + along(up, j));
-                mesh.positions.push(position);
-                mesh.normals.push(normal);
-                mesh.uvs.push(Vec2::new(i as f32, (cells - j) as f32) / cells as f32);
-            }
+            let along = |axis: Vec3, i: u32| {
+                if axis.element_sum() > 0.0 { axis * at(i) } else { -axis * at(cells - i) }
+            };
+            place(face, face + along(right, k % row) + along(up, k / row))
+        });
+        for j in 0..=cells {
+            mesh.uvs.extend((0..=cells).map(|i| Vec2::new(i as f32, (cells - j) as f32) / cells as f32));
         }
-        let row = cells + 1;
         for j in 0..cells {
             for i in 0..cells {
                 let a = first + j * row + i;
@@ -351,6 +344,16 @@ fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -
             }
         }
     }
+}
+
+/// Appends positions and normals, which all threads of rayon's pool compute: noise takes long.
+fn append_vertices(mesh: &mut Mesh, count: u32, vertex: impl Fn(u32) -> (Vec3, Vec3) + Sync) {
+    let Mesh { positions, normals, .. } = mesh;
+    let (first_position, first_normal) = (positions.len(), normals.len());
+    positions.resize(first_position + count as usize, Vec3::ZERO);
+    normals.resize(first_normal + count as usize, Vec3::ZERO);
+    let appended = positions[first_position..].par_iter_mut().zip(&mut normals[first_normal..]);
+    appended.enumerate().for_each(|(k, (position, normal))| (*position, *normal) = vertex(k as u32));
 }
 
 fn quad([a, b, c, d]: [u32; 4], material: u32, mesh: &mut Mesh) {

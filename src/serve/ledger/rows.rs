@@ -1,5 +1,6 @@
 //! Rows of the tables.
 
+use crate::render::BLOCK;
 use crate::schedule::Priority;
 use crate::serve::Demand;
 use rusqlite::Row;
@@ -215,6 +216,11 @@ pub struct UnitRow {
 }
 
 impl UnitRow {
+    /// Its samples of all pixels, as if its blocks were whole.
+    pub fn samples(&self) -> u64 {
+        u64::from(BLOCK * BLOCK) * u64::from(self.blocks) * u64::from(self.end - self.first)
+    }
+
     pub(super) const COLUMNS: &str =
         "frame, pass, number, block, blocks, first, end, state, attempts, worker, digest";
 

@@ -238,7 +238,7 @@ impl OpenFrame {
         if hex(&Sha256::digest(&*sums)) != digest {
             return Ok(Kept::Wrong("its sums are damaged: their SHA-256 is another".into()));
         }
-        let samples = u64::from(unit.blocks) * u64::from(unit.end - unit.first) * 256;
+        let samples = unit.samples();
         let patch = Patch::new(blocks, unit.first..unit.end, std::sync::Arc::unwrap_or_clone(sums));
         let path = self.unit_path(unit.pass, unit.number, &digest);
         write(&path, |file| file.write_all(patch.sums()))?;

@@ -1,6 +1,6 @@
 //! Decides what is done next: which frames are open, which units are offered, which are offered again.
 
-use super::decisions::{self, BLOCK_PIXELS, Candidate, PLANNER_PAUSE, Share, Sizes, UnitRow};
+use super::decisions::{self, Candidate, PLANNER_PAUSE, Share, Sizes, UnitRow};
 use super::frame::OpenFrame;
 use super::task::{Task, TaskKey};
 use super::{NAP, Outstanding, Run, Runner, State, UNITS_IN_FLIGHT};
@@ -311,7 +311,7 @@ fn next_unit(state: &mut State, sizes: Sizes) -> Option<Offer> {
     decisions::next(&mut runs, |run| {
         run.frames.values().find_map(|frame| {
             let (row, blocks, is_new) = frame.take(sizes, run.speed)?;
-            let samples = BLOCK_PIXELS as u64 * u64::from(row.blocks) * u64::from(row.end - row.first);
+            let samples = row.samples();
             let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
             Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))
         })

@@ -162,9 +162,8 @@ mod tests {
             cuts.extend([1, 7, 1000].map(|at_once| Sizes { at_once, ..Sizes::default() }));
             for sizes in cuts {
                 let units = cut(&pass, sizes, Speed::default());
-                let taken: u64 =
-                    units.iter().map(|unit| u64::from(unit.blocks) * u64::from(unit.end - unit.first)).sum();
-                assert_eq!(taken, all * many, "{sizes:?}");
+                let taken: u64 = units.iter().map(UnitRow::samples).sum();
+                assert_eq!(taken, all * many * BLOCK_PIXELS as u64, "{sizes:?}");
                 let mut places: Vec<(u32, u32)> = units.iter().map(|unit| (unit.block, unit.first)).collect();
                 places.sort_unstable();
                 places.dedup();
@@ -183,8 +182,7 @@ mod tests {
 
     /// The seconds that a unit takes.
     fn seconds(unit: &UnitRow, speed: Speed) -> f64 {
-        let samples = f64::from(unit.blocks) * BLOCK_PIXELS * f64::from(unit.end - unit.first);
-        samples / speed.samples_per_second()
+        unit.samples() as f64 / speed.samples_per_second()
     }
 
     #[test]
@@ -226,7 +224,7 @@ mod tests {
         let pass = Pass::new(Blocks::new(1920, 1080).in_order(), 0..4096);
         let size = |speed| {
             let unit = next(0, (0, &pass), None, Sizes::default(), speed).expect("a unit");
-            f64::from(unit.blocks) * BLOCK_PIXELS * f64::from(unit.end - unit.first)
+            unit.samples() as f64
         };
         let mut speed = Speed::default();
         speed.add(1 << 18, 1e-9);
