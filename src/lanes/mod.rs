@@ -250,8 +250,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// # Safety
     /// Each index is below 2³¹ and leads to a readable word after `from`.
     unsafe fn gather(self, from: *const u32, index: Self::I) -> Self::I;
-    /// Reads rows of `N` words, the row of lane `i` at word `first[i]` of a table, and transposes them into `N` vectors,
-    /// one per column.
+    /// Reads rows of `N` words, the row of lane `i` at word `first[i]` after `from`, and transposes them into `N`
+    /// vectors, one per column.
     ///
     /// # Safety
     /// Each of `first` is below 2³¹ and leads to a readable row after `from`.
