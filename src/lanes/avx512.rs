@@ -272,7 +272,7 @@ impl Lanes for Avx512 {
         // SAFETY: invariants 1 and 2; there are sixteen rows.
         unsafe {
             if N == 3 || N == 4 {
-                // Three gathers take more than twice as long.
+                // Whole rows, transposed: frames are slower with a gather for each column.
                 let mut at = [0; 16];
                 self.store_u32(at.as_mut_ptr(), first);
                 let at = at.as_ptr();
