@@ -21,7 +21,7 @@
 use super::child::{BLOCK_TRIANGLES, Child};
 use super::huge_pages::HugePages;
 use crate::geom::Aabb;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, each};
 use glam::Vec3;
 
 /// The bit of [`LeafBlock::id`] that marks a triangle whose hits the filter decides.
@@ -270,17 +270,31 @@ impl<'a> LeafBlock<'a> {
     ///
     /// # Panics
     /// If there is no such row.
-    #[inline]
+    #[inline(always)]
     pub fn corners(&self, row: usize) -> [Vec3; 3] {
         assert!(row < self.triangle_count);
         let indices = CornerIndices(self.words[row]);
         let coordinate = |corner, axis| {
             f32::from_bits(self.words[self.triangle_count + axis * self.corner_count + corner])
         };
-        [0, 1, 2].map(|vertex| {
+        each([0, 1, 2], |vertex| {
             let corner = indices.corner(vertex);
             Vec3::new(coordinate(corner, 0), coordinate(corner, 1), coordinate(corner, 2))
         })
+    }
+
+    /// The row of the triangle with this primitive id, if the block has it. Without a branch for each row.
+    #[inline(always)]
+    pub(super) fn row(&self, primitive: u32) -> Option<usize> {
+        let first = self.triangle_count + 3 * self.corner_count;
+        let words = &self.words[first..first + BLOCK_TRIANGLES];
+        let mut rows = 0;
+        for (row, &word) in words.iter().enumerate() {
+            rows |= u32::from(word & PRIMITIVE == primitive) << row;
+        }
+        // What follows the ids may look like one.
+        let row = rows.trailing_zeros() as usize;
+        (row < self.triangle_count).then_some(row)
     }
 
     /// The primitive id of the triangle in a row.

@@ -51,7 +51,8 @@ pub use primitive_ids::PrimitiveIds;
 pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
-use crate::geom::{Aabb, CanonicalHit, CanonicalRay};
+use crate::geom::{Aabb, CanonicalHit, CanonicalRay, Placement};
+use crate::lanes::each;
 use crate::profile;
 use binary_tree::BinaryTree;
 use collapse_plan::Costs;
@@ -177,13 +178,24 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
+        self.corners_and_mask(primitive).0
+    }
+
+    /// The corners of a triangle, in world space, and whether the filter decides its hits.
+    ///
+    /// # Panics
+    /// If there is no such primitive.
+    #[inline]
+    pub(crate) fn corners_and_mask(&self, primitive: u32) -> ([Vec3; 3], bool) {
         let Some(instances) = &self.instances else {
-            let (block, row) = self.block_and_row(primitive);
-            return block.corners(row);
+            let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
+            let row = block.row(primitive).expect("its block has it");
+            return (block.corners(row), block.is_masked(row));
         };
         let owner = instances.owner(primitive);
-        let corners = owner.tree.corners(primitive - owner.first_primitive);
-        owner.placement.map_or(corners, |placement| corners.map(|corner| placement.point(corner)))
+        let (corners, is_masked) = owner.tree.corners_and_mask(primitive - owner.first_primitive);
+        let place = |placement: Placement| each(corners, |corner| placement.point(corner));
+        (owner.placement.map_or(corners, place), is_masked)
     }
 
     /// Whether the filter decides the hits of a triangle.
@@ -191,12 +203,7 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     pub fn is_masked(&self, primitive: u32) -> bool {
-        let Some(instances) = &self.instances else {
-            let (block, row) = self.block_and_row(primitive);
-            return block.is_masked(row);
-        };
-        let owner = instances.owner(primitive);
-        owner.tree.is_masked(primitive - owner.first_primitive)
+        self.corners_and_mask(primitive).1
     }
 
     /// The most bytes that a tree of this number of triangles takes while it is built.
@@ -216,10 +223,10 @@ impl Bvh {
         primitive: u32,
         filter: Option<&dyn Filter>,
     ) -> Option<CanonicalHit> {
-        let [v0, v1, v2] = self.corners(primitive);
+        let ([v0, v1, v2], is_masked) = self.corners_and_mask(primitive);
         let hit = ray.triangle(v0, v1, v2)?;
         let accepted = match filter {
-            Some(filter) if self.is_masked(primitive) => filter.accepts(primitive, hit.u, hit.v),
+            Some(filter) if is_masked => filter.accepts(primitive, hit.u, hit.v),
             _ => true,
         };
         accepted.then_some(hit)
@@ -232,12 +239,5 @@ impl Bvh {
         trees.sort_unstable_by_key(|tree| Arc::as_ptr(tree));
         trees.dedup_by_key(|tree| Arc::as_ptr(tree));
         own + trees.into_iter().map(|tree| tree.bytes()).sum::<usize>()
-    }
-
-    /// The leaf block of a primitive and its row in there.
-    fn block_and_row(&self, primitive: u32) -> (LeafBlock<'_>, usize) {
-        let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
-        let row = (0..block.len()).find(|&row| block.primitive(row) == primitive);
-        (block, row.expect("its block has it"))
     }
 }

@@ -1,6 +1,7 @@
 //! A triangle mesh that answers ray queries.
 
 use super::nearest::{NearestPoint, nearest_point};
+use super::shares::answers;
 use super::tree_tracers::TreeTracers;
 use crate::bvh::{Bvh, GeometryError};
 use crate::stream::{Hit, Ray};
@@ -81,7 +82,7 @@ impl Mesh {
     /// The nearest hit of every ray, or [`Hit::NONE`]. Of equally near hits the one with the lowest primitive
     /// id.
     pub fn closest(&self, rays: &[Ray]) -> Vec<Hit> {
-        let mut hits = vec![Hit::NONE; rays.len()];
+        let mut hits = answers(Hit::NONE, rays.len());
         self.closest_into(rays, &mut hits);
         hits
     }

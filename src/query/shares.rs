@@ -8,6 +8,18 @@ use std::iter;
 /// at once.
 const MIN_SHARE: usize = 1024;
 
+/// Number of answers that one thread writes first.
+const WRITTEN_AT_ONCE: usize = 1 << 15;
+
+/// As many answers of one value. All threads of the current rayon pool write many of them: the operating system provides
+/// the pages of a large vector at the first write, which takes longer than tracing the rays on many threads.
+pub fn answers<T: Copy + Send + Sync>(value: T, len: usize) -> Vec<T> {
+    if len <= WRITTEN_AT_ONCE {
+        return vec![value; len];
+    }
+    rayon::iter::repeat_n(value, len).with_min_len(WRITTEN_AT_ONCE).collect()
+}
+
 /// Traces `rays` into `answers`, as many, in shares of at most `most` rays: `trace` is called with the index of
 /// the first ray of each share, its rays and its answers. A single share is traced on the calling thread and
 /// wakes no other. Several are divided among the current rayon pool. A thread that has finished a share takes
@@ -68,6 +80,13 @@ mod tests {
             assert!(lengths.is_sorted_by(|a, b| a >= b), "{lengths:?}");
             // The last share of every thread is short, so no thread waits longer than that.
             assert!(lengths.iter().rev().take(threads).all(|&len| len <= MIN_SHARE), "{lengths:?}");
+        }
+    }
+
+    #[test]
+    fn answers_have_their_value_whoever_writes_them() {
+        for len in [0, 1, WRITTEN_AT_ONCE, 3 * WRITTEN_AT_ONCE + 1] {
+            assert_eq!(answers(7, len), vec![7; len]);
         }
     }
 

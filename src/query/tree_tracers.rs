@@ -1,6 +1,6 @@
 //! The tracers of a tree, and which of them a call uses.
 
-use super::shares::in_shares;
+use super::shares::{answers, in_shares};
 use crate::bvh::Bvh;
 use crate::stream::{Hit, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
@@ -105,7 +105,7 @@ impl TreeTracers {
 
     /// The nearest hit of each ray among those that `accepts` returns true for.
     pub fn closest_where(&self, rays: &[Ray], accepts: &(dyn Fn(usize, &Hit) -> bool + Sync)) -> Vec<Hit> {
-        let mut hits = vec![Hit::NONE; rays.len()];
+        let mut hits = answers(Hit::NONE, rays.len());
         in_shares(rays, &mut hits, SHARE_RAYS, |first, rays, hits| {
             self.single.closest_where(rays, hits, &mut |ray, hit| accepts(first + ray, hit));
         });

@@ -1,7 +1,7 @@
 //! Meshes at many places, which answer ray queries together.
 
 use super::mesh::{Mesh, normal};
-use super::shares::in_shares;
+use super::shares::{answers, in_shares};
 use super::tree_tracers::{SHARE_RAYS, TreeTracers};
 use crate::bvh::{Bvh, PRIMITIVE, TreeInstance};
 use crate::geom::{MAX_COORDINATE, Placement, PlacementError};
@@ -173,7 +173,7 @@ impl World {
     /// The nearest hit of every ray, or [`WorldHit::NONE`]. Of equally near hits the one of the first instance, and
     /// there the one with the lowest primitive id.
     pub fn closest(&self, rays: &[Ray]) -> Vec<WorldHit> {
-        let mut hits = vec![WorldHit::NONE; rays.len()];
+        let mut hits = answers(WorldHit::NONE, rays.len());
         self.closest_into(rays, &mut hits);
         hits
     }

@@ -6,6 +6,7 @@ use super::{
     RayCounts, Renderer, Service, Tracers,
 };
 use crate::stream::{Hit, Ray, Tracer};
+use rayon::prelude::*;
 use std::fmt;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -83,7 +84,7 @@ pub struct QueryHandle<A> {
     query: Arc<Query<A>>,
 }
 
-impl<A: Copy> QueryHandle<A> {
+impl<A: Copy + Send + Sync> QueryHandle<A> {
     pub(super) fn new(job: JobHandle, query: Arc<Query<A>>) -> Self {
         Self { job, query }
     }
@@ -126,7 +127,7 @@ impl<A: Copy> QueryHandle<A> {
     /// Calls `callback` once with the answers and the report; else as [`JobHandle::on_end`].
     pub fn on_end(&self, callback: impl FnOnce(Result<(&[A], &JobReport), &JobError>) + Send + 'static)
     where
-        A: Send + 'static,
+        A: 'static,
     {
         let query = Arc::clone(&self.query);
         self.job.on_end(move |outcome| match outcome {
@@ -168,7 +169,7 @@ impl<A: Copy> QueryHandle<A> {
     }
 }
 
-impl<A: Copy> Future for QueryHandle<A> {
+impl<A: Copy + Send + Sync> Future for QueryHandle<A> {
     type Output = Result<(Vec<A>, JobReport), JobError>;
 
     /// # Panics
@@ -251,6 +252,8 @@ impl Answer for u32 {
 /// time.
 pub(super) struct Query<A> {
     rays: Arc<[Ray]>,
+    /// The threads that spawn tiles make their memory: the operating system provides the pages of large memory at the
+    /// first write, which takes one thread longer than many threads take to trace the rays.
     tiles: Vec<Mutex<Box<[A]>>>,
     /// All answers, once they have been collected from the tiles.
     collected: Mutex<Vec<A>>,
@@ -261,12 +264,12 @@ impl<A: Copy + Default> Query<A> {
         if rays.len() > MOST_RAYS {
             return Err(QueryError::TooManyRays(rays.len()));
         }
-        let tiles = rays.chunks(TILE_RAYS).map(|tile| Mutex::new(vec![A::default(); tile.len()].into()));
+        let tiles = rays.chunks(TILE_RAYS).map(|_| Mutex::default());
         Ok(Self { tiles: tiles.collect(), rays, collected: Mutex::default() })
     }
 }
 
-impl<A: Copy> Query<A> {
+impl<A: Copy + Send + Sync> Query<A> {
     /// A query whose answers are there already.
     pub fn answered(answers: Vec<A>) -> Self {
         Self { rays: Arc::default(), tiles: Vec::new(), collected: Mutex::new(answers) }
@@ -277,8 +280,7 @@ impl<A: Copy> Query<A> {
         let tile_of = |number: u32| number as usize / TILE_RAYS;
         for run in numbers.chunk_by(|&a, &b| tile_of(a) == tile_of(b)) {
             let (head, rest) = answers.split_at(run.len());
-            let tile = &self.tiles[tile_of(run[0])];
-            let mut tile = tile.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut tile = self.tile(tile_of(run[0]));
             for (&number, &answer) in run.iter().zip(head) {
                 tile[number as usize % TILE_RAYS] = answer;
             }
@@ -286,15 +288,24 @@ impl<A: Copy> Query<A> {
         }
     }
 
-    /// All answers of a query that has ended, collected on the first call.
+    fn tile(&self, tile: usize) -> MutexGuard<'_, Box<[A]>> {
+        self.tiles[tile].lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The answers of all tiles that were spawned, collected on the first call: many by all threads of the current
+    /// rayon pool.
     fn collect(&self) -> MutexGuard<'_, Vec<A>> {
         let mut all = self.collected.lock().unwrap_or_else(PoisonError::into_inner);
         if all.is_empty() {
-            all.reserve_exact(self.rays.len());
-            for tile in &self.tiles {
-                all.extend_from_slice(&std::mem::take(
-                    &mut *tile.lock().unwrap_or_else(PoisonError::into_inner),
-                ));
+            let tiles: Vec<Box<[A]>> =
+                (0..self.tiles.len()).map(|tile| std::mem::take(&mut *self.tile(tile))).collect();
+            let count = tiles.iter().map(|tile| tile.len()).sum();
+            // Tiles are spawned in order, and only the last one of all has fewer rays.
+            let answer = |number: usize| tiles[number / TILE_RAYS][number % TILE_RAYS];
+            if count <= 2 * TILE_RAYS {
+                all.extend((0..count).map(answer));
+            } else {
+                (0..count).into_par_iter().with_min_len(TILE_RAYS).map(answer).collect_into_vec(&mut all);
             }
         }
         all
@@ -334,6 +345,7 @@ impl<A: Answer> Renderer for Query<A> {
     fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
         let start = tile as usize * TILE_RAYS;
         let rays = &self.rays[start..(start + TILE_RAYS).min(self.rays.len())];
+        *self.tile(tile as usize) = vec![A::default(); rays.len()].into();
         (start as u32..).zip(rays).for_each(|(number, &ray)| A::emit(out, ray, number));
     }
 

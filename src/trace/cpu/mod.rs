@@ -52,6 +52,8 @@ mod packet;
 mod pair_stack;
 mod ray_lists;
 mod ray_node_pairs;
+#[cfg(feature = "gpu")]
+pub(crate) mod ray_triangle_pairs;
 mod setup;
 mod shaft;
 mod single;

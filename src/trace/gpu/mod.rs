@@ -71,7 +71,6 @@ mod tuning_cache;
 mod unchecked_module;
 mod variant;
 mod watchdog;
-mod with_fma;
 
 pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
 pub use device::Gpu;

@@ -1,18 +1,19 @@
 //! Resolves candidates: turns a device's answers into canonical ones, on the host.
 //!
-//! This runs on the dispatch thread, after the answers have been read back. It is a known cost: about 48 ns for each
-//! ray that is no miss (`with_fma.rs`), one ray at a time, so that one dispatch thread resolves about 20 million rays a
-//! second at most. Reports count the time as the device's (`UnitReport::busy_s`). The vectors of undecided rays are
-//! allocated in each dispatch.
+//! This runs on the dispatch thread, after the answers have been read back. Most hit rays have a single candidate that
+//! no filter decides: those are tested in lanes, a ray and its candidate in each. The others take one test after the
+//! other. Reports count the time as the device's (`UnitReport::busy_s`). The vectors of undecided rays are allocated in
+//! each dispatch.
 
 use super::layout::{Candidates, MORE, OCCLUDED};
 use crate::bvh::{Bvh, Filter};
 use crate::geom::{CanonicalHit, CanonicalRay};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
 use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
+use crate::trace::cpu::ray_triangle_pairs::RayTrianglePairs;
 use std::sync::Arc;
 
-/// Decides which candidate is the hit. Its methods are inlined into the caller, which may be compiled for instructions
-/// that make them faster ([`super::with_fma`]).
+/// Decides which candidate is the hit.
 pub(super) struct Resolver {
     pub bvh: Arc<Bvh>,
     /// Decides about candidates on masked triangles.
@@ -23,23 +24,9 @@ pub(super) struct Resolver {
 
 impl Resolver {
     /// Replaces every ray's [`Candidates`], which lie in its hit's memory, by its canonical hit.
-    #[inline(always)]
     pub fn closest(&self, rays: &[Ray], hits: &mut [Hit]) -> DeviceReport {
-        let mut report = DeviceReport::default();
-        let mut undecided = Vec::new();
-        for (index, ray) in rays.iter().enumerate() {
-            let found: &Candidates = &bytemuck::cast(hits[index]);
-            let complete = found.rest == f32::MAX;
-            if found.first == MISS && complete {
-                hits[index] = Hit::NONE;
-                continue;
-            }
-            report.flagged += u64::from(found.second != MISS || !complete);
-            match self.nearest(ray, found) {
-                Some(nearest) if complete || nearest.t < found.rest => hits[index] = nearest,
-                _ => undecided.push(index),
-            }
-        }
+        let Resolved { mut report, undecided } =
+            SimdLevel::detect().run(Closest { resolver: self, rays, hits: &mut *hits });
         report.retraced = undecided.len() as u64;
         let again: Vec<Ray> = undecided.iter().map(|&index| rays[index]).collect();
         let mut answers = vec![Hit::NONE; again.len()];
@@ -51,25 +38,9 @@ impl Resolver {
     }
 
     /// Replaces every ray's answer of `trace_any` by whether it is occluded: 1 or 0.
-    #[inline(always)]
     pub fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) -> DeviceReport {
-        let mut report = DeviceReport::default();
-        let mut undecided = Vec::new();
-        for (index, ray) in rays.iter().enumerate() {
-            let found = occluded[index];
-            occluded[index] = (found == OCCLUDED).into();
-            if found == OCCLUDED || found == MISS {
-                continue;
-            }
-            report.flagged += 1;
-            let primitive = found & !MORE;
-            let exists = (primitive as usize) < self.bvh.len();
-            if exists && self.test(&self.prepare(ray), primitive).is_some() {
-                occluded[index] = 1;
-            } else if !exists || found != primitive {
-                undecided.push(index);
-            }
-        }
+        let Resolved { mut report, undecided } =
+            SimdLevel::detect().run(Occluded { resolver: self, rays, occluded: &mut *occluded });
         report.retraced = undecided.len() as u64;
         let again: Vec<Ray> = undecided.iter().map(|&index| rays[index]).collect();
         let mut answers = vec![0; again.len()];
@@ -90,7 +61,7 @@ impl Resolver {
             if primitive == MISS {
                 break;
             }
-            if primitive as usize >= self.bvh.len() {
+            if !self.exists(primitive) {
                 return None;
             }
             if let Some(hit) = self.test(&prepared, primitive)
@@ -103,6 +74,11 @@ impl Resolver {
     }
 
     #[inline(always)]
+    fn exists(&self, primitive: u32) -> bool {
+        (primitive as usize) < self.bvh.len()
+    }
+
+    #[inline(always)]
     fn prepare(&self, ray: &Ray) -> CanonicalRay {
         CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, self.bvh.scene_max_abs())
     }
@@ -112,5 +88,114 @@ impl Resolver {
     fn test(&self, ray: &CanonicalRay, primitive: u32) -> Option<Hit> {
         let CanonicalHit { t, u, v } = self.bvh.accepted_hit(ray, primitive, self.filter.as_deref())?;
         Some(Hit { t, u, v, primitive })
+    }
+}
+
+/// What the candidates of a dispatch have decided.
+struct Resolved {
+    report: DeviceReport,
+    /// Indices of rays that the CPU has to trace.
+    undecided: Vec<usize>,
+}
+
+/// Replaces candidates by hits, except those of undecided rays.
+struct Closest<'a> {
+    resolver: &'a Resolver,
+    rays: &'a [Ray],
+    hits: &'a mut [Hit],
+}
+
+impl LaneTask for Closest<'_> {
+    type Output = Resolved;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) -> Resolved {
+        let Self { resolver, rays, hits } = self;
+        let (mut report, mut undecided) = (DeviceReport::default(), Vec::new());
+        let mut single = SingleCandidates::new();
+        for (index, ray) in rays.iter().enumerate() {
+            let found: &Candidates = &bytemuck::cast(hits[index]);
+            let complete = found.rest == f32::MAX;
+            if found.first == MISS && complete {
+                hits[index] = Hit::NONE;
+                continue;
+            }
+            if found.second == MISS && complete && resolver.exists(found.first) {
+                let (corners, is_masked) = resolver.bvh.corners_and_mask(found.first);
+                if !is_masked || resolver.filter.is_none() {
+                    single.indices[single.pairs.len()] = index;
+                    single.primitives[single.pairs.len()] = found.first;
+                    single.pairs.push(ray, &corners);
+                    if single.pairs.len() == L::LANES {
+                        single.resolve(l, resolver.bvh.scene_max_abs(), hits);
+                    }
+                    continue;
+                }
+            }
+            report.flagged += u64::from(found.second != MISS || !complete);
+            match resolver.nearest(ray, found) {
+                Some(nearest) if complete || nearest.t < found.rest => hits[index] = nearest,
+                _ => undecided.push(index),
+            }
+        }
+        single.resolve(l, resolver.bvh.scene_max_abs(), hits);
+        Resolved { report, undecided }
+    }
+}
+
+/// Rays with one candidate each that no filter decides.
+struct SingleCandidates {
+    pairs: RayTrianglePairs,
+    primitives: [u32; MAX_LANES],
+    /// The rays' indices.
+    indices: [usize; MAX_LANES],
+}
+
+impl SingleCandidates {
+    fn new() -> Self {
+        Self { pairs: RayTrianglePairs::new(), primitives: [0; MAX_LANES], indices: [0; MAX_LANES] }
+    }
+
+    /// Writes the hits of all rays; none remain.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn resolve<L: Lanes>(&mut self, l: L, scene_max_abs: f32, hits: &mut [Hit]) {
+        let len = self.pairs.len();
+        let found = self.pairs.take_hits(l, scene_max_abs, &self.primitives);
+        for pair in 0..len {
+            hits[self.indices[pair]] = found[pair];
+        }
+    }
+}
+
+/// Replaces answers of `trace_any` by whether rays are occluded, except those of undecided rays.
+struct Occluded<'a> {
+    resolver: &'a Resolver,
+    rays: &'a [Ray],
+    occluded: &'a mut [u32],
+}
+
+impl LaneTask for Occluded<'_> {
+    type Output = Resolved;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, _: L) -> Resolved {
+        let Self { resolver, rays, occluded } = self;
+        let (mut report, mut undecided) = (DeviceReport::default(), Vec::new());
+        for (index, ray) in rays.iter().enumerate() {
+            let found = occluded[index];
+            occluded[index] = (found == OCCLUDED).into();
+            if found == OCCLUDED || found == MISS {
+                continue;
+            }
+            report.flagged += 1;
+            let primitive = found & !MORE;
+            let exists = resolver.exists(primitive);
+            if exists && resolver.test(&resolver.prepare(ray), primitive).is_some() {
+                occluded[index] = 1;
+            } else if !exists || found != primitive {
+                undecided.push(index);
+            }
+        }
+        Resolved { report, undecided }
     }
 }

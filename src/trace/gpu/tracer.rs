@@ -5,7 +5,6 @@ use super::kernel::Kernel;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
 use super::shared_buffer::SharedBuffer;
-use super::with_fma::with_fma;
 use super::{AdapterKind, Fault, Gpu, GpuError, Variant, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
@@ -274,11 +273,8 @@ impl SceneDevice {
             .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
             .map_err(DeviceError::Lost)?;
         let ((rays, hits), (shadow_rays, occluded)) = (closest.slices(), any.slices());
-        let mut report = with_fma(|| {
-            let mut report = resolver.closest(rays, hits);
-            report += resolver.occluded(shadow_rays, occluded);
-            report
-        });
+        let mut report = resolver.closest(rays, hits);
+        report += resolver.occluded(shadow_rays, occluded);
         if let Some(Fault::Corrupt(_)) = fault {
             fault::corrupt(hits, occluded);
         }

@@ -1,0 +1,98 @@
+//! The canonical test of rays with one given triangle each, a pair in each lane: for hits that something else has
+//! found, a device for example.
+//!
+//! Unsafe code for reading rays and corners. Invariant:
+//! 1. Their arrays have an element for each lane of any vector.
+#![allow(unsafe_code, reason = "the invariant above")]
+
+use super::lane_math::LaneVec3;
+use super::setup::{FIRST_IDS, RowColumns, row_columns};
+use super::slabs::Slabs;
+use super::triangle::{Bounds, BoundsFaces, EdgeValues, Limits, Lines, hits_inside};
+use crate::lanes::{Lanes, MAX_LANES, first_lanes, spill};
+use crate::stream::{Hit, Ray};
+use glam::Vec3;
+
+/// Pairs of a ray and a triangle, as many as lanes or fewer.
+pub(crate) struct RayTrianglePairs {
+    len: usize,
+    rays: [Ray; MAX_LANES],
+    /// As `[vertex][axis][pair]`.
+    corners: [[[f32; MAX_LANES]; 3]; 3],
+}
+
+impl RayTrianglePairs {
+    /// No pairs.
+    pub fn new() -> Self {
+        Self { len: 0, rays: [Ray::default(); MAX_LANES], corners: [[[0.0; MAX_LANES]; 3]; 3] }
+    }
+
+    /// Number of pairs.
+    #[inline(always)]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Adds a pair.
+    ///
+    /// # Panics
+    /// If there are [`MAX_LANES`] already.
+    #[inline(always)]
+    pub fn push(&mut self, ray: &Ray, corners: &[Vec3; 3]) {
+        let pair = self.len;
+        self.rays[pair] = *ray;
+        for (columns, corner) in self.corners.iter_mut().zip(corners) {
+            columns[0][pair] = corner.x;
+            columns[1][pair] = corner.y;
+            columns[2][pair] = corner.z;
+        }
+        self.len += 1;
+    }
+
+    /// Takes all pairs, at most as many as lanes: the hits of pair `i` in element `i`, with the primitive id that
+    /// `primitives` gives, or [`Hit::NONE`]. Elements beyond the pairs have no meaning.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn take_hits<L: Lanes>(
+        &mut self,
+        l: L,
+        scene_max_abs: f32,
+        primitives: &[u32; MAX_LANES],
+    ) -> [Hit; MAX_LANES] {
+        debug_assert!(self.len <= L::LANES);
+        let among = first_lanes::<L>(std::mem::take(&mut self.len));
+        // SAFETY: invariant 1.
+        let rays = unsafe { l.rows(self.rays.as_ptr().cast(), FIRST_IDS.as_ptr()) };
+        let [ox, oy, oz, t_min, dx, dy, dz, _] = rays;
+        let RowColumns { columns, valid, negative } = row_columns(l, scene_max_abs, among, rays);
+        let [ix, iy, iz, sx, sy, sz, slack, limit] = columns;
+        let lines = Lines { origin: [ox, oy, oz], direction: [dx, dy, dz] };
+        let triangle =
+            [column(l, &self.corners[0]), column(l, &self.corners[1]), column(l, &self.corners[2])];
+        let edges = EdgeValues::of(l, &lines, &triangle);
+        let inside = edges.inside(l, valid);
+        let Bounds { low, high } = Bounds::of(l, &triangle);
+        let near = |axis: usize| l.select(negative[axis], high[axis], low[axis]);
+        let far = |axis: usize| l.select(negative[axis], low[axis], high[axis]);
+        let faces = BoundsFaces { near: [near(0), near(1), near(2)], far: [far(0), far(1), far(2)] };
+        let slabs = Slabs::new(l, [ix, iy, iz], [sx, sy, sz], slack);
+        // The octant does not count: the faces are given.
+        let limits = Limits { slabs: &slabs, octant: 0, t_min: l.max(t_min, l.splat(0.0)), limit };
+        let (mask, t) = hits_inside(l, inside, &lines, &triangle, &edges, &faces, &limits);
+        let (u, v) = edges.barycentrics(l);
+        let (t, u, v) = (spill(l, t), spill(l, u), spill(l, v));
+        let mut hits = [Hit::NONE; MAX_LANES];
+        for (pair, hit) in hits.iter_mut().enumerate().take(L::LANES) {
+            if mask >> pair & 1 == 1 {
+                *hit = Hit { t: t[pair], u: u[pair], v: v[pair], primitive: primitives[pair] };
+            }
+        }
+        hits
+    }
+}
+
+/// Corners in lanes.
+#[inline(always)]
+fn column<L: Lanes>(l: L, axes: &[[f32; MAX_LANES]; 3]) -> LaneVec3<L> {
+    // SAFETY: invariant 1.
+    unsafe { [l.load(axes[0].as_ptr()), l.load(axes[1].as_ptr()), l.load(axes[2].as_ptr())] }
+}
