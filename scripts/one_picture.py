@@ -44,7 +44,7 @@ def row(program, scene, options, folder):
     share = lambda name: f"{unit[name] / max(unit['rays'], 1):.1e}"
     cells = [os.path.basename(scene), f"{cpu['scene']['triangles']:,}", alone]
     cells.append(verdict(["--tracer", "hybrid"], 0)[1])
-    cells += [verdict(["--tracer", "gpu", "--inject", fault], 1)[1] for fault in FAULTS]
+    cells += [verdict(["--tracer", "gpu", "--inject", fault, "--strict"], 1)[1] for fault in FAULTS]
     return cells + [share("flagged"), share("retraced")]
 
 

@@ -52,7 +52,7 @@ pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay, Placement};
-use crate::lanes::each;
+use crate::lanes::{Prefetch, each};
 use crate::profile;
 use binary_tree::BinaryTree;
 use collapse_plan::Costs;
@@ -158,6 +158,7 @@ impl Bvh {
     }
 
     /// Number of triangles.
+    #[inline]
     pub fn len(&self) -> usize {
         self.instances.as_ref().map_or(self.triangle_blocks.len(), |instances| instances.triangle_count)
     }
@@ -196,6 +197,28 @@ impl Bvh {
         let (corners, is_masked) = owner.tree.corners_and_mask(primitive - owner.first_primitive);
         let place = |placement: Placement| each(corners, |corner| placement.point(corner));
         (owner.placement.map_or(corners, place), is_masked)
+    }
+
+    /// Prefetches where a triangle lies, for [`Bvh::prefetch_triangle`]. Does nothing in a two-level tree.
+    #[inline(always)]
+    pub(crate) fn prefetch_reference(&self, primitive: u32) {
+        if self.instances.is_none() {
+            let references = self.triangle_blocks.as_ptr();
+            Prefetch::First.each([references.wrapping_add(self.ids.index(primitive))]);
+        }
+    }
+
+    /// Prefetches a triangle, for [`Bvh::corners_and_mask`]. Does nothing in a two-level tree.
+    ///
+    /// # Panics
+    /// If there is no such primitive.
+    #[inline(always)]
+    pub(crate) fn prefetch_triangle(&self, primitive: u32) {
+        if self.instances.is_none() {
+            let block = self.wide.blocks.address(self.triangle_blocks[self.ids.index(primitive)]);
+            let line = |bytes: usize| block.wrapping_byte_add(bytes);
+            Prefetch::all_over(self.wide.bytes()).each([line(0), line(64), line(128)]);
+        }
     }
 
     /// Whether the filter decides the hits of a triangle.

@@ -57,6 +57,7 @@ impl PrimitiveIds {
     }
 
     /// The index of the triangle with a primitive id, which must be one of these ids.
+    #[inline]
     pub fn index(&self, primitive: u32) -> usize {
         match self.runs[..] {
             [] => primitive as usize,

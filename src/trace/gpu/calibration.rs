@@ -5,7 +5,7 @@
 //! the result can be kept. All measurements are interleaved, round after round, and the fastest of each counts, because
 //! whatever else the machine does can only add time.
 
-use super::tuning_cache::{self, IN_FLIGHT, STREAM_RAYS, TunedSizes};
+use super::tuning_cache::{self, FEW_IN_FLIGHT, IN_FLIGHT, STREAM_RAYS, TunedSizes};
 use super::{Gpu, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
@@ -27,9 +27,6 @@ const LONG: Duration = Duration::from_millis(2);
 /// Rays that the host traces for comparison.
 const HOST_RAYS: usize = 2048;
 
-/// Streams that are traced to measure a number of streams in flight.
-const STREAMS: usize = 4;
-
 /// Kernels other than the default, and more streams in flight, must be faster by this factor.
 const GAIN: f64 = 1.1;
 
@@ -46,7 +43,7 @@ struct Measured {
     ray_ns: f64,
     /// The cost of a ray on one host thread.
     host_ray_ns: f64,
-    /// How long the same work took with each of [`IN_FLIGHT`] streams in flight.
+    /// How long the same work took with each of [`IN_FLIGHT`] streams in flight; infinite where it was not measured.
     seconds: [f64; IN_FLIGHT.len()],
 }
 
@@ -202,32 +199,38 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
     let ray_ns = (1e9 * (many - few) / (count - FEWEST_RAYS) as f64).max(1e-3);
     let dispatch_ns = (1e9 * few - FEWEST_RAYS as f64 * ray_ns).max(0.0);
     let host_ray_ns = 1e9 * times[2 * tracers.len()] / HOST_RAYS as f64;
-    let mut measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds: [1.0; IN_FLIGHT.len()] };
+    let seconds = [f64::INFINITY; IN_FLIGHT.len()];
+    let mut measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds };
 
+    // Each stream in flight has a thread that resolves its answers.
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let candidates = || IN_FLIGHT.iter().copied().filter(|&n| n <= FEW_IN_FLIGHT.max(threads));
     let (tracer, stream_rays) = (&tracers[chosen], &rays[..measured.sizing().threshold.min(count)]);
-    pool.resize_with(*IN_FLIGHT.iter().max()?, Stream::new);
+    let streams = candidates().max()?;
+    pool.resize_with(streams, Stream::new);
     for stream in &mut pool {
         let taken = std::mem::replace(stream, Stream::new());
-        *stream = trace(tracer, taken, rays.len(), stream_rays)?.0;
+        *stream = trace(tracer, taken, stream_rays.len(), stream_rays)?.0;
     }
     let times = rounds(|| {
-        IN_FLIGHT.iter().map(|&streams| with_in_flight(tracer, &mut pool, streams, stream_rays)).collect()
+        candidates().map(|in_flight| with_in_flight(tracer, &mut pool, in_flight, stream_rays)).collect()
     })?;
-    measured.seconds.copy_from_slice(&times);
+    measured.seconds[..times.len()].copy_from_slice(&times);
     Some(TunedSizes { sizing: measured.sizing(), variant: variants[chosen] })
 }
 
-/// How long [`STREAMS`] streams of these rays take when `in_flight` of them are in flight.
+/// How long it takes to trace as many streams of these rays as `pool` has when `in_flight` of them are in flight.
 fn with_in_flight(
     tracer: &GpuTracer,
     pool: &mut Vec<Stream>,
     in_flight: usize,
     rays: &[Ray],
 ) -> Option<Duration> {
+    let streams = pool.len();
     let taken: Vec<Stream> = pool.drain(..in_flight).collect();
     let work = |mut stream: Stream| {
-        for _ in 0..STREAMS / in_flight {
-            stream = trace(tracer, stream, *STREAM_RAYS.end(), rays)?.0;
+        for _ in 0..streams / in_flight {
+            stream = trace(tracer, stream, rays.len(), rays)?.0;
         }
         Some(stream)
     };
@@ -248,8 +251,12 @@ mod tests {
     use crate::trace::cpu::Oracle;
     use crate::trace::gpu::AdapterChoice;
 
-    const LAVAPIPE: Measured =
-        Measured { dispatch_ns: 3e5, ray_ns: 400.0, host_ray_ns: 150.0, seconds: [0.02, 0.0195, 0.03] };
+    const LAVAPIPE: Measured = Measured {
+        dispatch_ns: 3e5,
+        ray_ns: 400.0,
+        host_ray_ns: 150.0,
+        seconds: [0.02, 0.0195, 0.03, f64::INFINITY, f64::INFINITY],
+    };
 
     #[test]
     fn sizes_follow_from_times() {
@@ -257,9 +264,13 @@ mod tests {
         let threshold = 6 * 1024;
         assert_eq!(LAVAPIPE.sizing(), Sizing { threshold, least: threshold, in_flight: 1 });
         // A fast one: 0.1 ms a dispatch, two billion rays a second.
-        let fast =
-            Measured { dispatch_ns: 1e5, ray_ns: 0.5, host_ray_ns: 150.0, seconds: [0.04, 0.02, 0.012] };
-        assert_eq!(fast.sizing(), Sizing { threshold: 1 << 18, least: 1024, in_flight: 4 });
+        let fast = Measured {
+            dispatch_ns: 1e5,
+            ray_ns: 0.5,
+            host_ray_ns: 150.0,
+            seconds: [0.04, 0.02, 0.012, 0.0115, 0.008],
+        };
+        assert_eq!(fast.sizing(), Sizing { threshold: 1 << 18, least: 1024, in_flight: 16 });
         let free = Measured { dispatch_ns: 0.0, ray_ns: 1e-3, ..fast };
         assert_eq!(free.sizing().threshold, 1024);
     }

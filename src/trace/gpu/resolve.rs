@@ -11,7 +11,11 @@ use crate::geom::{CanonicalHit, CanonicalRay};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
 use crate::stream::{DeviceReport, Hit, MISS, Ray, Tracer};
 use crate::trace::cpu::ray_triangle_pairs::RayTrianglePairs;
+use glam::Vec3;
 use std::sync::Arc;
+
+/// Rays whose candidates are looked up together, so that their memory arrives meanwhile.
+const WINDOW: usize = 64;
 
 /// Decides which candidate is the hit.
 pub(super) struct Resolver {
@@ -49,6 +53,23 @@ impl Resolver {
             occluded[index] = answer;
         }
         report
+    }
+
+    /// Writes the hit of a ray with any candidates, or adds it to the undecided ones.
+    #[inline(always)]
+    fn decide(
+        &self,
+        index: usize,
+        ray: &Ray,
+        candidates: &Candidates,
+        hits: &mut [Hit],
+        undecided: &mut Vec<usize>,
+    ) {
+        let rest = candidates.rest;
+        match self.nearest(ray, candidates) {
+            Some(nearest) if rest == f32::MAX || nearest.t < rest => hits[index] = nearest,
+            _ => undecided.push(index),
+        }
     }
 
     /// The nearest canonical hit among the candidates; of equally near ones that with the lowest primitive id. `None`
@@ -113,29 +134,38 @@ impl LaneTask for Closest<'_> {
         let Self { resolver, rays, hits } = self;
         let (mut report, mut undecided) = (DeviceReport::default(), Vec::new());
         let mut single = SingleCandidates::new();
-        for (index, ray) in rays.iter().enumerate() {
-            let found: &Candidates = &bytemuck::cast(hits[index]);
-            let complete = found.rest == f32::MAX;
-            if found.first == MISS && complete {
-                hits[index] = Hit::NONE;
-                continue;
-            }
-            if found.second == MISS && complete && resolver.exists(found.first) {
-                let (corners, is_masked) = resolver.bvh.corners_and_mask(found.first);
-                if !is_masked || resolver.filter.is_none() {
-                    single.indices[single.pairs.len()] = index;
-                    single.primitives[single.pairs.len()] = found.first;
-                    single.pairs.push(ray, &corners);
-                    if single.pairs.len() == L::LANES {
-                        single.resolve(l, resolver.bvh.scene_max_abs(), hits);
-                    }
-                    continue;
+        for (window, window_rays) in rays.chunks(WINDOW).enumerate() {
+            let first = window * WINDOW;
+            let (mut found, mut count) = ([(0, 0); WINDOW], 0);
+            for (ray, window_ray) in window_rays.iter().enumerate() {
+                let index = first + ray;
+                let candidates: Candidates = bytemuck::cast(hits[index]);
+                let is_complete = candidates.rest == f32::MAX;
+                if candidates.first == MISS && is_complete {
+                    hits[index] = Hit::NONE;
+                } else if candidates.second == MISS && is_complete && resolver.exists(candidates.first) {
+                    found[count] = (index, candidates.first);
+                    count += 1;
+                    resolver.bvh.prefetch_reference(candidates.first);
+                } else {
+                    report.flagged += 1;
+                    resolver.decide(index, window_ray, &candidates, hits, &mut undecided);
                 }
             }
-            report.flagged += u64::from(found.second != MISS || !complete);
-            match resolver.nearest(ray, found) {
-                Some(nearest) if complete || nearest.t < found.rest => hits[index] = nearest,
-                _ => undecided.push(index),
+            for &(_, primitive) in &found[..count] {
+                resolver.bvh.prefetch_triangle(primitive);
+            }
+            for &(index, primitive) in &found[..count] {
+                let (corners, is_masked) = resolver.bvh.corners_and_mask(primitive);
+                if is_masked && resolver.filter.is_some() {
+                    let candidates: Candidates = bytemuck::cast(hits[index]);
+                    resolver.decide(index, &rays[index], &candidates, hits, &mut undecided);
+                    continue;
+                }
+                single.push(index, &rays[index], primitive, &corners);
+                if single.pairs.len() == L::LANES {
+                    single.resolve(l, resolver.bvh.scene_max_abs(), hits);
+                }
             }
         }
         single.resolve(l, resolver.bvh.scene_max_abs(), hits);
@@ -154,6 +184,13 @@ struct SingleCandidates {
 impl SingleCandidates {
     fn new() -> Self {
         Self { pairs: RayTrianglePairs::new(), primitives: [0; MAX_LANES], indices: [0; MAX_LANES] }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, index: usize, ray: &Ray, primitive: u32, corners: &[Vec3; 3]) {
+        let pair = self.pairs.len();
+        (self.indices[pair], self.primitives[pair]) = (index, primitive);
+        self.pairs.push(ray, corners);
     }
 
     /// Writes the hits of all rays; none remain.

@@ -44,20 +44,6 @@ impl DeviceScene {
         let pages = ScenePages::new(gpu.info(), variant.tree, flat.records())?;
         let FlatScene { nodes, pairs, identities, members, stack, first_masked } = flat;
 
-        let shape = Shape { stack, tree: variant.tree, members: !members.is_empty(), first_masked, pages };
-        let shared = gpu.info().shared_memory;
-        let compiled = gpu.attempt(|device, _| {
-            let (group, request) = layouts(device, pages.bindings(), by_query);
-            let pipeline = |kernel| {
-                KernelPipeline::new(device, kernel, source(kernel, &shape), &group, request.clone(), shared)
-            };
-            let (trace_closest, trace_any) = (pipeline(Kernel::TraceClosest), pipeline(Kernel::TraceAny));
-            (group, trace_closest, trace_any)
-        });
-        let (layout, trace_closest, trace_any) = compiled
-            .map_err(GpuError::Lost)?
-            .map_err(|reason| GpuError::Kernel { adapter: adapter(), reason })?;
-
         let node_pages = nodes.split(pages.nodes).into_iter().map(|page| ("nodes", page));
         let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));
         let identity_pages =
@@ -70,14 +56,36 @@ impl DeviceScene {
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
         let bytes = contents.iter().map(|(_, page)| buffer_size(page)).sum();
         let out_of_memory = |reason| GpuError::OutOfMemory { required: bytes, adapter: adapter(), reason };
-        let buffers = allocate(gpu, &contents).map_err(GpuError::Lost)?.map_err(out_of_memory)?;
-        for (buffer, (_, page)) in buffers.iter().zip(&contents) {
-            upload(gpu, buffer, page)?;
-        }
-        let tree = match (by_query, buffers.last()) {
-            (true, Some(boxes)) => Some(device_tree::build(gpu, boxes, last.1.len() as u64)?),
-            _ => None,
+        let store = || -> Result<_, GpuError> {
+            let buffers = allocate(gpu, &contents).map_err(GpuError::Lost)?.map_err(out_of_memory)?;
+            for (buffer, (_, page)) in buffers.iter().zip(&contents) {
+                upload(gpu, buffer, page)?;
+            }
+            let tree = match (by_query, buffers.last()) {
+                (true, Some(boxes)) => Some(device_tree::build(gpu, boxes, last.1.len() as u64)?),
+                _ => None,
+            };
+            Ok((buffers, tree))
         };
+        let shape = Shape { stack, tree: variant.tree, members: !members.is_empty(), first_masked, pages };
+        let shared = gpu.info().shared_memory;
+        let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
+        let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings(), by_query));
+        let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
+        let compile = |kernel: Kernel| {
+            let compiled = gpu.attempt(|device, _| {
+                let source = source(kernel, &shape);
+                KernelPipeline::new(device, kernel, source, &layout, request.clone(), shared)
+            });
+            compiled.map_err(GpuError::Lost)?.map_err(refused)
+        };
+        // Drivers take half a second for both kernels.
+        let (trace_closest, (trace_any, stored)) = rayon::join(
+            || compile(Kernel::TraceClosest),
+            || rayon::join(|| compile(Kernel::TraceAny), store),
+        );
+        let (trace_closest, trace_any) = (trace_closest?, trace_any?);
+        let (buffers, tree) = stored?;
         let bound = gpu.attempt(|device, _| {
             let mut entries: Vec<_> =
                 (0..).zip(&buffers).map(|(binding, buffer)| bind_whole(binding, buffer)).collect();

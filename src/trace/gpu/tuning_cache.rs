@@ -7,13 +7,17 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Version of what is measured and of the file; files of other versions are not read.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The sizes of streams that a calibration may choose, in rays.
 pub(super) const STREAM_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
 
-/// The numbers of streams in flight that a calibration may choose.
-pub(super) const IN_FLIGHT: [usize; 3] = [1, 2, 4];
+/// The numbers of streams in flight that a calibration may choose. More than [`FEW_IN_FLIGHT`] only if there are as many
+/// host threads.
+pub(super) const IN_FLIGHT: [usize; 5] = [1, 2, 4, 8, 16];
+
+/// So many streams may be in flight on any machine.
+pub(super) const FEW_IN_FLIGHT: usize = 4;
 
 /// The sizes and the layout with which a device is fastest. They do not change a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
