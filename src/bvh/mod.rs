@@ -52,7 +52,9 @@ pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay, Placement};
-use crate::lanes::{Prefetch, each};
+#[cfg(feature = "gpu")]
+use crate::lanes::Prefetch;
+use crate::lanes::each;
 use crate::profile;
 use binary_tree::BinaryTree;
 use collapse_plan::Costs;
@@ -200,6 +202,7 @@ impl Bvh {
     }
 
     /// Prefetches where a triangle lies, for [`Bvh::prefetch_triangle`]. Does nothing in a two-level tree.
+    #[cfg(feature = "gpu")]
     #[inline(always)]
     pub(crate) fn prefetch_reference(&self, primitive: u32) {
         if self.instances.is_none() {
@@ -212,6 +215,7 @@ impl Bvh {
     ///
     /// # Panics
     /// If there is no such primitive.
+    #[cfg(feature = "gpu")]
     #[inline(always)]
     pub(crate) fn prefetch_triangle(&self, primitive: u32) {
         if self.instances.is_none() {

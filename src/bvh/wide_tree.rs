@@ -100,7 +100,7 @@ impl WideNode {
     }
 
     /// The children that are leaf blocks.
-    pub(super) fn block_children(&self) -> impl Iterator<Item = Child> {
+    pub(crate) fn block_children(&self) -> impl Iterator<Item = Child> {
         self.children.into_iter().filter(|&child| child != Child::NONE && child.is_block())
     }
 

@@ -74,7 +74,7 @@ impl Setup {
         match (&prepared.adapter, &prepared.degraded) {
             (Some(adapter), _) => log::info!("tracing on the CPU ({simd}) and on {adapter}"),
             (None, Some(reason)) => log::warn!("tracing on the CPU ({simd}) alone: {reason}"),
-            (None, None) => log::info!("tracing on the CPU ({simd}); no hardware GPU is in use"),
+            (None, None) => log::info!("tracing on the CPU ({simd})"),
         }
         let service = Service::new(ServiceOptions {
             host_threads: host_threads(args),

@@ -10,7 +10,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::CpuTracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 #[cfg(feature = "gpu")]
-use crate::trace::gpu::{AdapterChoice, AdapterKind, Fault, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
 #[cfg(feature = "gpu")]
 use std::path::PathBuf;
 use std::sync::{Arc, Once};
@@ -43,7 +43,8 @@ impl Default for UnitChoice {
 }
 
 impl UnitChoice {
-    /// The CPU with the best instruction set it supports, and the GPU if there is a hardware adapter.
+    /// The CPU with the best instruction set it supports. A GPU is used only on request: what the host still does for
+    /// each of its rays has made frames slower wherever it was measured (`docs/results/gpu.md`).
     pub fn auto() -> Self {
         Self {
             unit: None,
@@ -85,6 +86,16 @@ impl UnitChoice {
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     pub fn with_shading(self, shading: Shading) -> Self {
         Self { shading, ..self }
+    }
+
+    /// Whether a GPU is to trace.
+    fn traces_on_gpu(&self) -> bool {
+        self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu)
+    }
+
+    /// Whether a GPU is to do anything.
+    fn requests_gpu(&self) -> bool {
+        self.traces_on_gpu() || self.shades().0
     }
 
     /// Whether a GPU is to compute shaders of surfaces, and even a software adapter.
@@ -170,25 +181,11 @@ pub enum UnitsError {
 /// Whether a panic of wgpu cannot be caught.
 const ABORTS: bool = cfg!(all(feature = "gpu", panic = "abort"));
 
-/// One of the warnings below has been given.
+/// The warning below has been given.
 static WARNED_OF_ABORT: Once = Once::new();
 
-const NO_GPU_UNASKED: &str = "the CPU traces alone: this program was compiled with panic = \"abort\", so a panic in a \
-                              GPU's driver would end it; request the GPU to use it all the same";
 const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": if the GPU's driver fails in a panic, \
                              the program ends instead of finishing on the CPU";
-
-impl Gpus {
-    /// Whether the GPU is there to trace. Software traces only on request.
-    fn may_trace(&self, choice: &UnitChoice) -> bool {
-        match (choice.unit, self) {
-            (Some(unit), _) => unit != Unit::Cpu,
-            #[cfg(feature = "gpu")]
-            (None, Self::Open(gpu)) => choice.adapter.is_some() || gpu.info().kind != AdapterKind::Software,
-            (None, _) => true,
-        }
-    }
-}
 
 impl Units {
     /// The CPU alone, with the best instruction set it supports.
@@ -211,21 +208,16 @@ impl Units {
     ///
     /// # Aborts
     /// A panic of wgpu, after which the CPU goes on otherwise, ends a process that was compiled with
-    /// `panic = "abort"`. There a GPU is used only if `unit` or `adapter` requests it, and a warning says so once.
+    /// `panic = "abort"`. A warning says so once when a GPU is requested there.
     pub fn open(choice: &UnitChoice) -> Result<Self, UnitsError> {
         let simd = choice.simd.require()?;
-        let gpu = match choice.unit {
-            Some(Unit::Cpu) if !choice.shades().0 => Gpus::NotRequested,
-            None if choice.adapter.is_none() && ABORTS && !choice.shades().0 => {
-                WARNED_OF_ABORT.call_once(|| profile::warn(NO_GPU_UNASKED));
-                Gpus::NotRequested
+        let gpu = if choice.requests_gpu() {
+            if ABORTS {
+                WARNED_OF_ABORT.call_once(|| profile::warn(GPU_MAY_ABORT));
             }
-            _ => {
-                if ABORTS {
-                    WARNED_OF_ABORT.call_once(|| profile::warn(GPU_MAY_ABORT));
-                }
-                open_gpu(choice)?
-            }
+            open_gpu(choice)?
+        } else {
+            Gpus::NotRequested
         };
         #[cfg(feature = "gpu")]
         if choice.fault.is_some() && !matches!(gpu, Gpus::Open(_)) {
@@ -234,7 +226,7 @@ impl Units {
         Ok(Self {
             simd,
             unit: choice.unit.unwrap_or(Unit::Hybrid),
-            traces: gpu.may_trace(choice),
+            traces: choice.traces_on_gpu(),
             gpu,
             #[cfg(all(feature = "gpu", feature = "wgsl"))]
             shading: choice.shading,

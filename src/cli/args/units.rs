@@ -47,7 +47,7 @@ pub enum PolicyChoice {
 /// Options of all commands that trace.
 #[derive(Debug, Args)]
 pub struct UnitArgs {
-    /// Which units trace rays [default: hybrid with a hardware GPU, else cpu].
+    /// Which units trace rays [default: hybrid with --adapter, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
     /// How tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The result does

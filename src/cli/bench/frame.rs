@@ -24,7 +24,9 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     let report = if args.policies { bench.policies()? } else { bench.ladder()? };
     print(args, &report);
     if setup.prepared.tracers.device.is_none() && !args.policies {
-        stderr_line!("RA HYBRID is left out: no hardware GPU is in use (choose an adapter with --adapter)");
+        stderr_line!(
+            "RA HYBRID is left out: no GPU is in use (request one with --tracer hybrid or --adapter)"
+        );
     }
     write(args.shot.json.as_deref(), Some(&args.scene), &report.rows)?;
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());

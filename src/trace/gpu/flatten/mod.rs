@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn every_triangle_is_reached_once_within_its_boxes_and_the_stack_suffices() {
         for variant in trees() {
-            for (quads, loose) in [(0, 0), (0, 1), (1, 0), (0, 3), (9, 50), (300, 1000)] {
+            for (quads, loose) in [(0, 0), (0, 1), (1, 0), (0, 3), (9, 50), (300, 1000), (2000, 9000)] {
                 let bvh = build(quads, loose);
                 let flat = FlatScene::of(&bvh, variant);
                 let mut reached = Vec::new();

@@ -83,9 +83,14 @@ pub fn pack(triangles: &[Triangle], in_pairs: bool) -> Vec<PackedPair> {
 
 /// Appends a leaf; returns its reference.
 pub fn append_leaf(leaf: &[PackedPair], pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) -> u32 {
-    assert!((1..=LEAF_TRIANGLES).contains(&leaf.len()));
     let first = pairs.len();
     leaf.iter().for_each(|pair| pair.append(pairs, identities));
+    leaf_reference(leaf, first)
+}
+
+/// The reference to a leaf whose first pair has this index.
+pub fn leaf_reference(leaf: &[PackedPair], first: usize) -> u32 {
+    assert!((1..=LEAF_TRIANGLES).contains(&leaf.len()));
     let masked = if leaf.iter().any(|pair| pair.is_masked) { MASKED } else { 0 };
     LEAF | ((leaf.len() - 1) as u32) << PAIRS_SHIFT | masked | first as u32 & PAIR_INDEX
 }

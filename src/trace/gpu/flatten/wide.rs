@@ -2,10 +2,11 @@
 
 use super::super::layout::{Identities, LEAF, Pair, WideNode};
 use super::ChildBox;
-use super::pairs::{self, Triangle};
+use super::pairs::{self, PackedPair, Triangle};
 use crate::bvh::{Child, LeafBlock, WIDTH, WideNode as HostNode, WideTree};
 use crate::geom::Aabb;
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// The most pairs of a leaf.
 const LEAF_PAIRS: usize = 2;
@@ -118,8 +119,74 @@ fn assign_slots(children: &[ChildBox]) -> [Option<ChildBox>; WIDTH] {
     slots
 }
 
+/// Host nodes that one thread flattens at a time.
+const NODES_AT_ONCE: usize = 256;
+
+/// The leaves of some consecutive nodes, child by child.
+#[derive(Default)]
+struct Leaves {
+    pairs: Vec<PackedPair>,
+    /// Pairs of each leaf.
+    lengths: Vec<usize>,
+}
+
+impl Leaves {
+    fn of(tree: &WideTree, hosts: &[HostNode], in_pairs: bool) -> Self {
+        let mut leaves = Self::default();
+        for child in hosts.iter().flat_map(HostNode::block_children) {
+            let mut leaf = pairs::pack(&triangles(tree.blocks().get(child)), in_pairs);
+            leaves.lengths.push(leaf.len());
+            leaves.pairs.append(&mut leaf);
+        }
+        leaves
+    }
+
+    /// How many become nodes.
+    fn long(&self) -> usize {
+        self.lengths.iter().filter(|&&length| length > LEAF_PAIRS).count()
+    }
+}
+
+/// Where records of some consecutive nodes of the host begin.
+#[derive(Clone, Copy)]
+struct Place {
+    /// The tree's first node.
+    tree: usize,
+    pair: usize,
+    /// The first node of a long leaf.
+    leaf_node: usize,
+}
+
+/// Flattens some consecutive nodes: the nodes, and those of long leaves.
+fn flatten(hosts: &[HostNode], leaves: &Leaves, place: Place) -> (Vec<WideNode>, Vec<WideNode>) {
+    let (mut nodes, mut leaf_nodes) = (Vec::with_capacity(hosts.len()), Vec::new());
+    let (mut lengths, mut pairs, mut first) = (leaves.lengths.iter(), &leaves.pairs[..], place.pair);
+    for host in hosts {
+        let reference = |child: Child| {
+            if !child.is_block() {
+                return (place.tree + child.index()) as u32;
+            }
+            let length = *lengths.next().expect("a leaf for each block");
+            let (leaf, rest) = pairs.split_at(length);
+            let start = first;
+            (pairs, first) = (rest, first + length);
+            if length <= LEAF_PAIRS {
+                return pairs::leaf_reference(leaf, start);
+            }
+            let child = |(at, pair): (usize, &PackedPair)| {
+                (pairs::leaf_reference(std::slice::from_ref(pair), start + at), pair.bounds())
+            };
+            leaf_nodes.push(node(assign_slots(&leaf.iter().enumerate().map(child).collect::<Vec<_>>())));
+            (place.leaf_node + leaf_nodes.len() - 1) as u32
+        };
+        nodes.push(node(assign_slots(&children(host, reference))));
+    }
+    (nodes, leaf_nodes)
+}
+
 /// Appends a tree of triangles; returns its root's reference and the entries of a traversal's stack. Leaf blocks that
 /// suit the host's lanes may be long leaves for one GPU thread: those of more than [`LEAF_PAIRS`] pairs become nodes.
+/// Runs on the current rayon pool; the result depends on the arguments only.
 pub fn append_tree(
     tree: &WideTree,
     in_pairs: bool,
@@ -128,27 +195,21 @@ pub fn append_tree(
     identities: &mut Vec<Identities>,
 ) -> (u32, usize) {
     let start = nodes.len();
-    let mut next = start + tree.nodes().len();
-    let mut block_nodes = Vec::new();
-    for host in tree.nodes() {
-        let reference = |child: Child| {
-            if !child.is_block() {
-                return (start + child.index()) as u32;
-            }
-            let leaf = pairs::pack(&triangles(tree.blocks().get(child)), in_pairs);
-            if leaf.len() <= LEAF_PAIRS {
-                return pairs::append_leaf(&leaf, pairs, identities);
-            }
-            let leaves =
-                leaf.iter().map(|pair| (pairs::append_leaf(&[*pair], pairs, identities), pair.bounds()));
-            block_nodes.push(node(assign_slots(&leaves.collect::<Vec<_>>())));
-            next += 1;
-            (next - 1) as u32
-        };
-        nodes.push(node(assign_slots(&children(host, reference))));
-    }
-    let below = usize::from(!block_nodes.is_empty());
-    nodes.append(&mut block_nodes);
+    let hosts = tree.nodes().par_chunks(NODES_AT_ONCE);
+    let leaves: Vec<Leaves> = hosts.clone().map(|hosts| Leaves::of(tree, hosts, in_pairs)).collect();
+    let mut next = Place { tree: start, pair: pairs.len(), leaf_node: start + tree.nodes().len() };
+    let place_after = |leaves: &Leaves| {
+        let place = next;
+        (next.pair, next.leaf_node) = (next.pair + leaves.pairs.len(), next.leaf_node + leaves.long());
+        place
+    };
+    let places: Vec<Place> = leaves.iter().map(place_after).collect();
+    let flat = hosts.zip(&leaves).zip(places).map(|((hosts, leaves), place)| flatten(hosts, leaves, place));
+    let (own, of_leaves): (Vec<_>, Vec<_>) = flat.collect::<Vec<_>>().into_iter().unzip();
+    leaves.iter().flat_map(|leaves| &leaves.pairs).for_each(|pair| pair.append(pairs, identities));
+    nodes.extend(own.into_iter().flatten());
+    let below = usize::from(of_leaves.iter().any(|nodes| !nodes.is_empty()));
+    nodes.extend(of_leaves.into_iter().flatten());
     (start as u32, tree.depth() + below)
 }
 
