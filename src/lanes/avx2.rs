@@ -7,7 +7,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::order::LANES_OF;
-use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, nearest, sealed::Sealed, spill};
+use super::{LaneBits, Lanes, OutOfLine, OutlinedTask, gather_columns, nearest, sealed::Sealed, spill};
 use std::arch::x86_64::*;
 
 /// Proof that the processor has AVX2 and FMA, and with `VL` AVX-512 F and VL, whose masked instructions are used then.
@@ -293,31 +293,29 @@ impl<const VL: bool> Lanes for EightLanes<VL> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather_rows<const N: usize>(self, from: *const u32, first: I) -> [I; N] {
-        let mut columns = [first; N];
+        if N != 3 && N != 4 {
+            // SAFETY: the caller vouches for all words of the rows.
+            return unsafe { gather_columns(self, from, first) };
+        }
+        // Whole rows, transposed: frames are slower with a gather for each column.
+        let mut at = [0; 8];
         // SAFETY: invariants 1 and 2; there are eight rows.
-        unsafe {
-            if N == 3 || N == 4 {
-                // Whole rows, transposed: frames are slower with a gather for each column.
-                let mut at = [0; 8];
-                self.store_u32(at.as_mut_ptr(), first);
-                let at = at.as_ptr();
-                let transposed = transpose_parts(
-                    self,
-                    [
-                        short_rows::<N, VL>(self, from, at),
-                        short_rows::<N, VL>(self, from, at.add(1)),
-                        short_rows::<N, VL>(self, from, at.add(2)),
-                        short_rows::<N, VL>(self, from, at.add(3)),
-                    ],
-                );
-                for (k, column) in columns.iter_mut().enumerate() {
-                    *column = self.bits(transposed[k]);
-                }
-            } else {
-                for (k, column) in columns.iter_mut().enumerate() {
-                    *column = self.gather(from.add(k), first);
-                }
-            }
+        let transposed = unsafe {
+            self.store_u32(at.as_mut_ptr(), first);
+            let at = at.as_ptr();
+            transpose_parts(
+                self,
+                [
+                    short_rows::<N, VL>(self, from, at),
+                    short_rows::<N, VL>(self, from, at.add(1)),
+                    short_rows::<N, VL>(self, from, at.add(2)),
+                    short_rows::<N, VL>(self, from, at.add(3)),
+                ],
+            )
+        };
+        let mut columns = [first; N];
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = self.bits(transposed[k]);
         }
         columns
     }

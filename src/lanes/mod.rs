@@ -257,12 +257,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Each of `first` is below 2³¹ and leads to a readable row after `from`.
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn gather_rows<const N: usize>(self, from: *const u32, first: Self::I) -> [Self::I; N] {
-        let mut columns = [first; N];
-        for (k, column) in columns.iter_mut().enumerate() {
-            // SAFETY: the caller vouches for all words of the row.
-            *column = unsafe { self.gather(from.add(k), first) };
-        }
-        columns
+        // SAFETY: the caller vouches for all words of the rows.
+        unsafe { gather_columns(self, from, first) }
     }
     /// Writes the words of the lanes in `mask`, in order, one after the other. The words after them, up to `LANES` in
     /// all, are unspecified.
@@ -312,6 +308,20 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// # Safety
     /// Each pointer is valid for reading sixteen numbers.
     unsafe fn pick(self, from: [*const f32; 2], index: Self::I) -> Self::F;
+}
+
+/// [`Lanes::gather_rows`] with a gather for each column.
+///
+/// # Safety
+/// As for [`Lanes::gather_rows`].
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn gather_columns<L: Lanes, const N: usize>(l: L, from: *const u32, first: L::I) -> [L::I; N] {
+    let mut columns = [first; N];
+    for (k, column) in columns.iter_mut().enumerate() {
+        // SAFETY: the caller vouches for all words of the rows.
+        *column = unsafe { l.gather(from.add(k), first) };
+    }
+    columns
 }
 
 /// A task that [`Lanes::outlined`] runs out of line, with its arguments.

@@ -11,8 +11,8 @@ const MIN_SHARE: usize = 1024;
 /// Number of answers that one thread writes first.
 const WRITTEN_AT_ONCE: usize = 1 << 15;
 
-/// As many answers of one value. All threads of the current rayon pool write many of them: the operating system provides
-/// the pages of a large vector at the first write, which takes longer than tracing the rays on many threads.
+/// As many answers of one value. All threads of the current rayon pool write many of them: the operating system
+/// provides the pages of a large vector at the first write, which takes longer than tracing the rays on many threads.
 pub fn answers<T: Copy + Send + Sync>(value: T, len: usize) -> Vec<T> {
     if len <= WRITTEN_AT_ONCE {
         return vec![value; len];

@@ -12,8 +12,8 @@ const VERSION: u32 = 3;
 /// The sizes of streams that a calibration may choose, in rays.
 pub(super) const STREAM_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
 
-/// The numbers of streams in flight that a calibration may choose. More than [`FEW_IN_FLIGHT`] only if there are as many
-/// host threads.
+/// The numbers of streams in flight that a calibration may choose. More than [`FEW_IN_FLIGHT`] only if there are as
+/// many host threads.
 pub(super) const IN_FLIGHT: [usize; 5] = [1, 2, 4, 8, 16];
 
 /// So many streams may be in flight on any machine.
