@@ -96,3 +96,76 @@ fn column<L: Lanes>(l: L, axes: &[[f32; MAX_LANES]; 3]) -> LaneVec3<L> {
     // SAFETY: invariant 1.
     unsafe { [l.load(axes[0].as_ptr()), l.load(axes[1].as_ptr()), l.load(axes[2].as_ptr())] }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{CanonicalRay, mix};
+    use crate::lanes::{LaneTask, SimdLevel};
+
+    /// In [-1, 1), in steps of an eighth, so that rays meet edges, corners and zeros.
+    fn coordinate(i: u32, k: u32) -> f32 {
+        (mix(i ^ mix(k)) >> 28) as f32 / 8.0 - 1.0
+    }
+
+    fn point(i: u32, k: u32) -> Vec3 {
+        Vec3::new(coordinate(i, k), coordinate(i, k + 1), coordinate(i, k + 2))
+    }
+
+    fn pair(i: u32) -> (Ray, [Vec3; 3]) {
+        let corners = [point(i, 1), point(i, 4), point(i, 7)];
+        let target = (corners[0] + corners[1] * 2.0 + corners[2]) / 4.0;
+        let origin = point(i, 10) * 4.0;
+        let mut ray = Ray::new(origin, if i.is_multiple_of(3) { point(i, 13) } else { target - origin });
+        match i % 16 {
+            0 => (ray.t_min, ray.t_max) = (0.5, 1.0),
+            1 => ray.t_min = -1.0,
+            2 => ray.t_max = f32::NAN,
+            3 => ray.origin[1] = f32::INFINITY,
+            4 => (ray.t_min, ray.t_max) = (1.0, 0.5),
+            _ => {}
+        }
+        (ray, corners)
+    }
+
+    /// The hits of pairs, as many at a time as lanes, the last ones alone.
+    struct All(u32);
+
+    impl LaneTask for All {
+        type Output = Vec<Hit>;
+
+        #[cfg_attr(not(unoptimised), inline(always))]
+        fn run<L: Lanes>(self, l: L) -> Vec<Hit> {
+            let (mut pairs, mut hits, mut primitives) = (RayTrianglePairs::new(), Vec::new(), [0; MAX_LANES]);
+            for i in 0..self.0 {
+                primitives[pairs.len()] = i;
+                let (ray, corners) = pair(i);
+                pairs.push(&ray, &corners);
+                if pairs.len() == L::LANES || i + 1 == self.0 {
+                    let len = pairs.len();
+                    hits.extend_from_slice(&pairs.take_hits(l, 4.0, &primitives)[..len]);
+                }
+            }
+            hits
+        }
+    }
+
+    #[test]
+    fn pairs_have_the_canonical_hits_at_every_level() {
+        let expected: Vec<Hit> = (0..10_003)
+            .map(|i| {
+                let (ray, [a, b, c]) = pair(i);
+                let prepared = CanonicalRay::new(ray.origin, ray.t_min, ray.direction, ray.t_max, 4.0);
+                let hit = prepared.triangle(a, b, c);
+                hit.map_or(Hit::NONE, |hit| Hit { t: hit.t, u: hit.u, v: hit.v, primitive: i })
+            })
+            .collect();
+        let hits = expected.iter().filter(|hit| !hit.is_miss()).count();
+        assert!((2_000..9_000).contains(&hits), "{hits} hits");
+        let bits = |hit: &Hit| [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.primitive];
+        for level in SimdLevel::available() {
+            let found = level.run(All(10_003));
+            assert!(found.iter().map(bits).eq(expected.iter().map(bits)), "{level}");
+        }
+    }
+}
