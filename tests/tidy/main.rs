@@ -11,6 +11,7 @@ mod links;
 mod lints;
 mod markdown;
 mod numbers;
+mod package;
 mod pins;
 mod rust;
 mod sizes;
