@@ -80,7 +80,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! Code that is generic over the user's types (integrators, surfaces, BSDFs) is compiled with the user's crate, in its
 //! profile.
 //!
-//! With `panic = "abort"` panics of wgpu cannot be caught: a GPU is then used only if it is requested.
+//! With `panic = "abort"` panics of wgpu cannot be caught: a request for a GPU then warns.
 //!
 //! # Versions
 //! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`, `bench`,
