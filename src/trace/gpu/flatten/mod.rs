@@ -142,10 +142,9 @@ impl FlatScene {
 fn subtree_triangles(bvh: &Bvh, tree: &FlatTree, index: usize) -> Vec<Triangle> {
     let nodes = tree.nodes();
     let subtree = &nodes[index..index + 2 * nodes[index].count as usize - 1];
-    let triangle = |primitive| Triangle {
-        primitive,
-        corners: bvh.corners(primitive),
-        is_masked: bvh.is_masked(primitive),
+    let triangle = |primitive| {
+        let (corners, is_masked) = bvh.corners_and_mask(primitive);
+        Triangle { primitive, corners, is_masked }
     };
     subtree.iter().filter(|node| node.is_leaf()).map(|leaf| triangle(leaf.index)).collect()
 }
