@@ -58,6 +58,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! | `cli` | the command line, with plug-ins of your own |
 //! | `serve` | `raystream serve`: jobs over HTTP, and the commands that talk to it |
 //! | `farm` | `raystream worker`: the service's units go to many machines over NATS JetStream |
+//! | `picture` | pictures as data: `picture::open(&spec, folder, &units)` |
 //! | `nvml` | energy and power of NVIDIA GPUs |
 //! | `unstable` | documentation of the modules that may change in any release |
 //!
@@ -133,6 +134,9 @@ pub mod engine;
 
 #[cfg(feature = "render")]
 pub mod film;
+
+#[cfg(feature = "picture")]
+pub mod picture;
 
 #[cfg(feature = "formats")]
 pub mod compare;

@@ -1,8 +1,9 @@
 //! Reads and writes NumPy files.
 
-use super::args::SceneArgs;
 use crate::files;
+use crate::memory::MemoryBudget;
 use crate::numpy::{Array, Npz, Values};
+use crate::picture::afford;
 use crate::stream::Ray;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs::File;
@@ -10,7 +11,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 /// Reads rays: float32 (n, 8) = origin xyz, `t_min`, direction xyz, `t_max`. The file may be a pipe.
-pub fn read_rays(path: &Path, args: &SceneArgs) -> Result<Vec<Ray>> {
+pub fn read_rays(path: &Path, memory: &MemoryBudget) -> Result<Vec<Ray>> {
     let name = path.display();
     let file = File::open(path).with_context(|| format!("{name}: cannot be read"))?;
     let about = file.metadata().with_context(|| format!("{name}: cannot be read"))?;
@@ -31,7 +32,7 @@ pub fn read_rays(path: &Path, args: &SceneArgs) -> Result<Vec<Ray>> {
         !about.is_file() || bytes <= length,
         "{name}: the header promises {rows} rays of 32 bytes, but the file has {length} bytes; the file is truncated"
     );
-    args.afford(format!("{name}: {rows} rays"), bytes)?;
+    afford(memory, format!("{name}: {rows} rays"), bytes)?;
     // The rays of a pipe come or do not, whatever its header promises.
     let mut rays = Vec::with_capacity(if about.is_file() { rows as usize } else { 0 });
     let mut ray = [0.0_f32; 8];

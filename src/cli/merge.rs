@@ -42,7 +42,7 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
     let picture = develop(args, &sum, region, mean_spp);
     let (image, look) = (&picture.image, args.look.look());
     if let Some(path) = args.picture_path() {
-        insist(|| write_picture(path, &picture, &look, &args.picture.options()))?;
+        insist(|| write_picture(path, &picture, &look, &args.encoding.options()))?;
     }
     let identity = |what: &str| {
         let found = header.identity().iter().find(|(name, _)| *name == what);
@@ -83,7 +83,7 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
 fn check_files(args: &MergeArgs) -> Result<Outputs> {
     if let Some(path) = args.picture_path() {
         Format::of(path)?;
-        args.picture.check(path)?;
+        args.encoding.check(path)?;
     }
     let outputs = [
         ("-o", args.picture_path()),

@@ -3,8 +3,8 @@
 use super::args::MeshArgs;
 use super::arrays::{check_npz, write_npz};
 use super::outputs::Outputs;
-use super::scene_file;
 use crate::numpy::Values;
+use crate::picture::scene_file;
 use crate::scene::{AlphaMode, Colour, Material, Principled, Surface};
 use anyhow::Result;
 
@@ -15,7 +15,7 @@ const NONE: u32 = u32::MAX;
 pub fn run(args: &MeshArgs) -> Result<()> {
     check_npz(&args.output)?;
     let outputs = Outputs::check([("-o", Some(&*args.output))], [("the scene", Some(&*args.scene))])?;
-    let scene = scene_file::read(&args.scene, &args.loading)?;
+    let scene = scene_file::read(&args.scene, &args.loading.options())?;
     outputs.check_files_of(&scene)?;
     let mesh = &scene.mesh;
     let factors: Vec<Factors> = scene.materials.iter().map(Factors::of).collect();

@@ -12,6 +12,7 @@ mod arrays;
 mod bench;
 #[cfg(any(feature = "gpu", feature = "farm"))]
 mod cache;
+mod command;
 mod compare;
 mod doctor;
 mod events;
@@ -19,17 +20,12 @@ mod events;
 mod farm;
 mod info;
 mod interrupt;
-mod light;
-mod matrix;
 mod merge;
 mod mesh;
 mod options_file;
 mod outputs;
-mod plugin_options;
 mod progress;
-mod registry;
 mod render;
-mod scene_file;
 #[cfg(feature = "serve")]
 mod serve;
 mod setup;
@@ -40,9 +36,9 @@ mod stats;
 mod timeline;
 mod trace;
 
-pub use plugin_options::{OptionError, PluginOptions};
-pub use registry::{IntegratorParams, PluginError, Registry};
+pub use command::command;
 
+use crate::picture::{Registry, with_causes};
 use args::{Cli, Command};
 use clap::FromArgMatches;
 use std::io::ErrorKind;
@@ -84,8 +80,8 @@ pub fn run_with(registry: Registry) -> ExitCode {
     .format_timestamp(None)
     .format_target(false)
     .init();
-    let command = registry.command();
-    let arguments = match options_file::expand(&command, std::env::args_os().collect()) {
+    let command = command(&registry);
+    let mut arguments = match options_file::expand(&command, std::env::args_os().collect()) {
         Ok(arguments) => arguments,
         Err(error) => {
             stderr_line!("error: {error}");
@@ -102,11 +98,14 @@ pub fn run_with(registry: Registry) -> ExitCode {
             return print_answer(&answer);
         }
     };
-    ended(execute(&mut cli.command, registry))
+    if let Command::Render(args) = &mut cli.command {
+        args.complete(std::mem::take(&mut arguments.spec));
+    }
+    ended(execute(&cli.command, registry))
 }
 
 /// Runs a command.
-fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome> {
+fn execute(command: &Command, registry: Registry) -> anyhow::Result<Outcome> {
     match command {
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(args, registry),
@@ -144,8 +143,7 @@ fn execute(command: &mut Command, registry: Registry) -> anyhow::Result<Outcome>
         }
         Command::Render(args) => {
             let examination = doctor::examine_self(&registry);
-            let outcome =
-                shaders::with_integrator(args, registry).and_then(|registry| render::run(args, &registry));
+            let outcome = render::run(args, &registry);
             doctor::warn_of(examination);
             outcome
         }
@@ -188,17 +186,4 @@ fn print_answer(answer: &clap::Error) -> ExitCode {
         }
         _ => ExitCode::from(answer.exit_code() as u8),
     }
-}
-
-/// An error with its causes, without causes that its text already contains.
-fn with_causes(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
-        if told.is_empty() {
-            cause
-        } else if told.contains(&cause) {
-            told
-        } else {
-            format!("{told}: {cause}")
-        }
-    })
 }

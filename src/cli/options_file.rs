@@ -1,9 +1,10 @@
-//! Options of a command from a file (`--options FILE`): its keys are the long names of options.
+//! Options of `raystream render` from a file (`--options FILE`): a render spec, and keys of this machine alone.
 
+use crate::picture::{FileEntry, Place, RenderSpec, SpecGroup, file_entries};
 use clap::error::ContextKind;
 use clap::{Arg, ArgAction, Command};
 use serde_json::Value;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// The option that names the file.
@@ -14,17 +15,19 @@ const OPTIONS: &str = "options";
 pub struct Arguments {
     /// All of them, program and command first.
     pub all: Vec<OsString>,
+    /// The render spec of the file.
+    pub spec: RenderSpec,
     file: Option<PathBuf>,
-    /// Names of options of the file, and their lines.
-    lines: Vec<(String, usize)>,
+    /// Names of other options of the file, and where they stand.
+    places: Vec<(String, Place)>,
 }
 
 impl Arguments {
     /// Where in the file the option stands that an error of clap is about, if it does.
     pub fn place_of(&self, error: &clap::Error) -> Option<String> {
         let named = error.get(ContextKind::InvalidArg)?.to_string();
-        let (_, line) = self.lines.iter().find(|(name, _)| is_named(&named, name))?;
-        Some(format!("{}:{line}", self.file.as_ref()?.display()))
+        let (_, place) = self.places.iter().find(|(name, _)| is_named(&named, name))?;
+        Some(format!("{}:{place}", self.file.as_ref()?.display()))
     }
 }
 
@@ -33,37 +36,51 @@ fn is_named(text: &str, name: &str) -> bool {
     text.split([' ', ',']).any(|word| word.strip_prefix("--") == Some(name))
 }
 
-/// Adds the options of the file that a command line names, except those that it gives itself.
+impl Arguments {
+    /// A command line without a file.
+    fn plain(all: Vec<OsString>) -> Self {
+        Self { all, spec: RenderSpec::default(), file: None, places: Vec::new() }
+    }
+}
+
+/// Reads the file that a command line names: a render spec, and other options, which become arguments except where the
+/// command line gives them itself.
 ///
 /// # Errors
-/// If the file cannot be read, or holds what is no option of the command. The message has the line.
+/// If the file cannot be read, or holds what is no option of the command. The message has path, line and column.
 pub fn expand(command: &Command, all: Vec<OsString>) -> Result<Arguments, String> {
     let known = all.get(1).and_then(|name| command.find_subcommand(name));
     let Some((known, path)) = known.zip(all.get(2..).and_then(file_named)) else {
-        return Ok(Arguments { all, file: None, lines: Vec::new() });
+        return Ok(Arguments::plain(all));
     };
     if !known.get_arguments().any(|arg| arg.get_long() == Some(OPTIONS)) {
         // clap says that the command has no such option.
-        return Ok(Arguments { all, file: None, lines: Vec::new() });
+        return Ok(Arguments::plain(all));
     }
     let name = path.display();
     let text = std::fs::read_to_string(&path).map_err(|error| format!("{name}: cannot be read: {error}"))?;
-    let options = parse(&path, &text)?;
-    let (mut added, mut lines) = (Vec::new(), Vec::new());
-    for (key, value) in &options {
-        let line = line_of(&text, key);
-        let wrong = |why: String| format!("{name}:{line}: {why}");
-        let option = known.get_arguments().find(|arg| arg.get_long() == Some(key) && key != OPTIONS);
-        let option = option.ok_or_else(|| wrong(unknown(known, key)))?;
-        let tokens = tokens(option, key, value).map_err(wrong)?;
+    let (mut spec, mut added, mut places) = (RenderSpec::default(), Vec::new(), Vec::new());
+    let of_picture: Vec<&str> = RenderSpec::options().iter().map(|option| option.name).collect();
+    for FileEntry { name: key, value, place } in
+        file_entries(&path, &text).map_err(|error| error.to_string())?
+    {
+        let wrong = |why: String| format!("{name}:{place}: {why}");
+        if of_picture.contains(&&*key) {
+            spec.set(&key, &value).map_err(|error| wrong(error.to_string()))?;
+            continue;
+        }
+        let option = known.get_arguments().find(|arg| arg.get_long() == Some(&key) && key != OPTIONS);
+        let option = option.ok_or_else(|| wrong(unknown(known, &key)))?;
+        let tokens = tokens(option, &key, &value).map_err(wrong)?;
         if !is_given(&all[2..], option) {
             added.extend(tokens);
-            lines.push((key.clone(), line));
+            places.push((key, place));
         }
     }
+    let spec = spec.within(path.parent().unwrap_or(Path::new(""))).map_err(|error| error.to_string())?;
     let rest = &all[2..];
     let all = all[..2].iter().cloned().chain(added).chain(rest.iter().cloned()).collect();
-    Ok(Arguments { all, file: Some(path), lines })
+    Ok(Arguments { all, spec, file: Some(path), places })
 }
 
 fn unknown(command: &Command, key: &str) -> String {
@@ -104,41 +121,6 @@ fn is_given(arguments: &[OsString], option: &Arg) -> bool {
     texts.into_iter().any(|text| long(text) || short(text))
 }
 
-/// The keys and values of a file.
-fn parse(path: &Path, text: &str) -> Result<Vec<(String, Value)>, String> {
-    let name = path.display();
-    let value: Value = match path.extension().and_then(OsStr::to_str) {
-        Some("json") => serde_json::from_str(text)
-            .map_err(|error| format!("{name}:{}: not JSON: {error}", error.line()))?,
-        Some("toml") => toml::from_str(text).map_err(|error| {
-            let start = error.span().map_or(0, |span| span.start);
-            format!("{name}:{}: not TOML: {}", line_at(text, start), error.message())
-        })?,
-        _ => return Err(format!("{name}: unknown file extension; the name must end in .toml or .json")),
-    };
-    match value {
-        Value::Object(options) => Ok(options.into_iter().collect()),
-        _ => Err(format!("{name}:1: write an object whose keys are names of options")),
-    }
-}
-
-/// The arguments that stand for options by their long names.
-///
-/// # Errors
-/// If the command has no such option, or it takes no such value.
-#[cfg(feature = "serve")]
-pub fn of_options(
-    command: &Command,
-    options: &serde_json::Map<String, Value>,
-) -> Result<Vec<OsString>, String> {
-    let mut all = Vec::new();
-    for (key, value) in options {
-        let option = command.get_arguments().find(|arg| arg.get_long() == Some(key));
-        all.extend(tokens(option.ok_or_else(|| unknown(command, key))?, key, value)?);
-    }
-    Ok(all)
-}
-
 /// The arguments that stand for an option of the file.
 fn tokens(option: &Arg, key: &str, value: &Value) -> Result<Vec<OsString>, String> {
     let given = |value: &str| OsString::from(format!("--{key}={value}"));
@@ -164,21 +146,6 @@ fn tokens(option: &Arg, key: &str, value: &Value) -> Result<Vec<OsString>, Strin
         }
         one => Ok(vec![given(&text(one)?)]),
     }
-}
-
-/// The line of a key: it stands before `=` or `:`, perhaps in quotes.
-fn line_of(text: &str, key: &str) -> usize {
-    let is_key = |&(start, _): &(usize, &str)| {
-        let before = text[..start].chars().next_back();
-        let after = text[start + key.len()..].trim_start_matches(['"', '\'']).trim_start();
-        before.is_none_or(|c| c.is_whitespace() || matches!(c, '"' | '\'' | '{' | ','))
-            && after.starts_with(['=', ':'])
-    };
-    text.match_indices(key).find(is_key).map_or(1, |(start, _)| line_at(text, start))
-}
-
-fn line_at(text: &str, at: usize) -> usize {
-    1 + text[..at.min(text.len())].matches('\n').count()
 }
 
 #[cfg(test)]

@@ -2,15 +2,18 @@
 
 #[cfg(feature = "gpu")]
 use super::args::ShadeChoice;
-use super::args::{PolicyChoice, SceneArgs, TracerChoice, UnitArgs};
-use super::plugin_options::PluginOptions;
-use super::scene_file;
+use super::args::{PolicyChoice, TracerChoice, UnitArgs};
 use super::stats::ShadingStats;
 #[cfg(feature = "gpu")]
 use crate::engine::Shading;
 use crate::engine::{PreparedScene, UnitChoice, Units};
+use crate::memory::MemoryBudget;
+use crate::picture::{afford, scene_file};
 use crate::scene::Scene;
+use crate::scene::load::LoadOptions;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
+#[cfg(feature = "serve")]
+use crate::serve::SharedUnits;
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -28,10 +31,6 @@ pub struct Setup {
     pub simd: SimdLevel,
     /// The requested policy.
     pub policy: Option<Policy>,
-    /// The options of the integrator, if the command has one.
-    pub options: PluginOptions,
-    /// What the pictures of an integrator in WGSL depend on besides its options.
-    pub shader: Option<String>,
     /// Seconds spent reading files.
     pub load_s: f64,
     /// Seconds spent building the tree and uploading it.
@@ -43,7 +42,8 @@ impl Setup {
     /// tree and starts the threads. At most `max_jobs` jobs run at a time; the oldest has precedence.
     pub fn new(
         path: &Path,
-        loading: &SceneArgs,
+        options: &LoadOptions,
+        memory: &MemoryBudget,
         beside_bytes: u64,
         args: &UnitArgs,
         max_jobs: usize,
@@ -55,7 +55,7 @@ impl Setup {
         let units = Units::open(&unit_choice(unit, simd, args))?;
 
         let started = Instant::now();
-        let mut scene = scene_file::read(path, loading)?;
+        let mut scene = scene_file::read(path, options)?;
         if !scene.mesh.has_area() {
             log::warn!("{}: no triangle has an area, so no ray can hit any", path.display());
         }
@@ -65,7 +65,7 @@ impl Setup {
         let all = PreparedScene::building_bytes(&scene) + beside_bytes;
         let what =
             format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
-        loading.afford(what, all)?;
+        afford(memory, what, all)?;
         let load_s = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
@@ -83,16 +83,8 @@ impl Setup {
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
         })?;
-        let options = PluginOptions::default();
         let service = Arc::new(service);
-        Ok(Self { prepared, units, service, simd, policy, options, shader: None, load_s, build_s })
-    }
-
-    /// A scene that was prepared before, on a service that others use too.
-    #[cfg(feature = "serve")]
-    pub fn shared(prepared: PreparedScene, shared: &SharedUnits, options: PluginOptions) -> Self {
-        let SharedUnits { units, service, simd, policy } = shared.clone();
-        Self { prepared, units, service, simd, policy, options, shader: None, load_s: 0.0, build_s: 0.0 }
+        Ok(Self { prepared, units, service, simd, policy, load_s, build_s })
     }
 
     /// What a GPU has computed of shaders, and why some were not given to it.
@@ -134,41 +126,20 @@ fn shading(choice: ShadeChoice) -> Shading {
     }
 }
 
-/// What all scenes of a process share.
+/// Opens the units for all scenes of a process and starts the threads. At most `max_jobs` jobs run at a time, in fair
+/// shares.
 #[cfg(feature = "serve")]
-#[derive(Clone, Debug)]
-pub struct SharedUnits {
-    /// The units that trace.
-    pub units: Units,
-    /// The service with its threads.
-    pub service: Arc<Service>,
-    simd: SimdLevel,
-    policy: Option<Policy>,
-}
-
-#[cfg(feature = "serve")]
-impl SharedUnits {
-    /// Opens the units and starts the threads. At most `max_jobs` jobs run at a time, in fair shares.
-    pub fn open(args: &UnitArgs, max_jobs: usize) -> Result<Self> {
-        let simd = SimdLevel::choose(&args.simd)?;
-        let (unit, policy) = units_and_policy(args)?;
-        let units = Units::open(&unit_choice(unit, simd, args))?;
-        let service = Service::new(ServiceOptions {
-            host_threads: host_threads(args),
-            max_jobs,
-            sharing: Sharing::Fair,
-            ..ServiceOptions::default()
-        })?;
-        Ok(Self { units, service: Arc::new(service), simd, policy })
-    }
-}
-
-#[cfg(feature = "farm")]
-impl SharedUnits {
-    /// What traces, in words.
-    pub fn in_words(&self) -> String {
-        format!("{} threads ({})", self.service.host_threads(), self.simd)
-    }
+pub fn shared_units(args: &UnitArgs, max_jobs: usize) -> Result<SharedUnits> {
+    let simd = SimdLevel::choose(&args.simd)?;
+    let (unit, policy) = units_and_policy(args)?;
+    let units = Units::open(&unit_choice(unit, simd, args))?;
+    let service = Service::new(ServiceOptions {
+        host_threads: host_threads(args),
+        max_jobs,
+        sharing: Sharing::Fair,
+        ..ServiceOptions::default()
+    })?;
+    Ok(SharedUnits { units, service: Arc::new(service), policy })
 }
 
 /// The number of host threads.

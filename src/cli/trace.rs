@@ -22,11 +22,12 @@ const BYTES_PER_RAY: u64 = (size_of::<Ray>() + 3 * size_of::<Hit>()) as u64;
 /// Traces the rays of a file and writes their hits.
 pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let outputs = check_files(args)?;
-    let rays: Arc<[_]> = read_rays(&args.rays, &args.loading)?.into();
+    let (memory, options) = (args.loading.memory.budget(), args.loading.options());
+    let rays: Arc<[_]> = read_rays(&args.rays, &memory)?.into();
     let untraceable_rays = count_untraceable(args, &rays);
     let check_files = |scene: &mut Scene| outputs.check_files_of(scene);
     let rays_bytes = BYTES_PER_RAY * rays.len() as u64;
-    let setup = Setup::new(&args.scene, &args.loading, rays_bytes, &args.units, 1, check_files)?;
+    let setup = Setup::new(&args.scene, &options, &memory, rays_bytes, &args.units, 1, check_files)?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events = Events::default();
@@ -37,23 +38,17 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         events.recover(report.events.iter().cloned());
     };
     let tracers = || setup.prepared.tracers.clone();
-    let options = || JobOptions { policy: setup.policy, caller_rays: 0, ..JobOptions::default() };
+    let job = || JobOptions { policy: setup.policy, caller_rays: 0, ..JobOptions::default() };
     let mut answer = Answer::Closest(Vec::new());
     for _ in 0..args.repeat {
         if args.any_hit {
-            let (occluded, report) = setup
-                .service
-                .occluded(tracers(), rays.clone(), options())?
-                .wait()
-                .context("tracing failed")?;
+            let (occluded, report) =
+                setup.service.occluded(tracers(), rays.clone(), job())?.wait().context("tracing failed")?;
             note(&report);
             answer = Answer::Any(occluded);
         } else {
-            let (hits, report) = setup
-                .service
-                .closest(tracers(), rays.clone(), options())?
-                .wait()
-                .context("tracing failed")?;
+            let (hits, report) =
+                setup.service.closest(tracers(), rays.clone(), job())?.wait().context("tracing failed")?;
             note(&report);
             answer = Answer::Closest(hits);
         }

@@ -181,6 +181,11 @@ impl PreparedScene {
         self.lit.get_or_init(|| LitScene::from(Arc::clone(&self.scene))).clone()
     }
 
+    /// The SIMD level of the units.
+    pub fn simd(&self) -> crate::lanes::SimdLevel {
+        self.units.simd()
+    }
+
     /// [`Scene::fingerprint`], which is computed by the first call. Clones that are made later have it, too.
     pub fn scene_hash(&self) -> &str {
         self.scene_hash.get_or_init(|| self.scene.fingerprint())

@@ -15,8 +15,9 @@ mod read;
 mod region;
 mod spare;
 mod stripe;
-#[cfg(feature = "cli")]
-pub(crate) mod tev;
+#[cfg(feature = "picture")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod tev;
 mod view;
 #[cfg(feature = "formats")]
 mod write;

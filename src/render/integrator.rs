@@ -3,11 +3,11 @@
 use super::{AovError, AovSet, Frame, Part, Pass, SettingsError};
 use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError, Scene};
-use crate::schedule::Renderer;
 use std::sync::Arc;
 
-/// A renderer of a [`Frame`] that can be given another frame of the same scene.
-pub trait Integrator: Renderer + Sized + 'static {
+/// What renders a [`Frame`] and can be given another frame of the same scene. A job runs it as a
+/// [`crate::schedule::Renderer`].
+pub trait Integrator: Sized + Send + Sync + 'static {
     /// The frame that it renders.
     fn frame(&self) -> &Frame;
 
@@ -21,7 +21,7 @@ pub trait Integrator: Renderer + Sized + 'static {
         self.with_frame(frame.with_pass(frame.pass().clone()).with_simd(simd))
     }
 
-    /// Whether the integrator tells which of its rays come from the camera, which layers need
+    /// True if the integrator tells which of its rays come from the camera, which layers need
     /// ([`super::HitShader::camera_sample`]).
     fn tells_camera_rays(&self) -> bool {
         false

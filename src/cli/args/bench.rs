@@ -1,9 +1,9 @@
 //! `raystream bench`.
 
-use super::progress::noise;
-use super::view::{size, vector};
-use super::{CameraArgs, LightArgs, UnitArgs};
+use super::{SpecArgs, UnitArgs};
 use crate::bench::meshes::SCENE_HELP;
+use crate::picture::form::{self, Form};
+use crate::picture::{CameraSpec, LightSpec};
 use crate::render::Settings;
 use crate::scene::Camera;
 use clap::builder::RangedI64ValueParser;
@@ -143,7 +143,7 @@ pub struct SceneView {
 
 impl SceneView {
     /// The scene's own camera or one that frames it, changed by the flags, then by this view.
-    pub fn camera(&self, flags: &CameraArgs, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
+    pub fn camera(&self, flags: &CameraSpec, own: Option<Camera>, framed: impl FnOnce() -> Camera) -> Camera {
         let camera = flags.apply(own, framed);
         match self.view {
             Some((eye, target, fov_degrees)) => {
@@ -163,9 +163,9 @@ pub struct BenchRaysArgs {
     pub scenes: Vec<SceneView>,
     /// Camera of all scenes without one of their own on the command line.
     #[command(flatten)]
-    pub camera: CameraArgs,
+    pub camera: SpecArgs<CameraSpec>,
     /// Size of the picture whose rays are traced.
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// SIMD levels of the CPU tracer, as in avx512,avx2 [default: all that this processor has].
     #[arg(long, value_name = "LEVEL,..", value_delimiter = ',')]
@@ -201,9 +201,9 @@ pub struct BenchSmallArgs {
     pub scene: PathBuf,
     /// The camera.
     #[command(flatten)]
-    pub camera: CameraArgs,
+    pub camera: SpecArgs<CameraSpec>,
     /// Size of the picture whose rays are traced.
-    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Numbers of rays a call.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "1,4,16,64,256,512,1024,4096")]
@@ -225,10 +225,10 @@ pub struct BenchSmallArgs {
 pub struct ShotArgs {
     /// The camera.
     #[command(flatten)]
-    pub camera: CameraArgs,
+    pub camera: SpecArgs<CameraSpec>,
     /// Lighting besides the scene's own.
     #[command(flatten)]
-    pub light: LightArgs,
+    pub light: SpecArgs<LightSpec>,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -243,7 +243,7 @@ pub struct BenchFrameArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = samples())]
@@ -293,7 +293,7 @@ pub struct BenchLatencyArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Size of the frames in pixels.
-    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Numbers of frames beside which queries are asked; four of them run at a time.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "0,1,4,8")]
@@ -321,7 +321,7 @@ pub struct BenchLiveArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Size of the full picture in pixels.
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel of the full picture.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = value_parser!(u32).range(1..=65_536))]
@@ -357,7 +357,7 @@ pub struct BenchTablesArgs {
     pub rounds: u32,
     /// The camera.
     #[command(flatten)]
-    pub camera: CameraArgs,
+    pub camera: SpecArgs<CameraSpec>,
     /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -372,7 +372,7 @@ pub struct BenchTailArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = samples())]
@@ -397,7 +397,7 @@ pub struct BenchTexturesArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = samples())]
@@ -419,7 +419,7 @@ pub struct BenchShadersArgs {
     /// Scene file. All of its materials that do not shine get the surfaces.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = samples())]
@@ -441,13 +441,13 @@ pub struct BenchAdaptiveArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "320x180", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "320x180", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Most bounces.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = bounces())]
     pub max_bounces: u32,
     /// Targets of --noise to measure with, as in 0.1,0.05.
-    #[arg(long, value_name = "X,..", value_delimiter = ',', default_value = "0.1,0.05", value_parser = noise)]
+    #[arg(long, value_name = "X,..", value_delimiter = ',', default_value = "0.1,0.05", value_parser = form::Error::read)]
     pub noise: Vec<f32>,
     /// Samples per pixel of the reference picture, which has another seed.
     #[arg(long, value_name = "N", default_value_t = 8192, value_parser = samples())]
@@ -466,7 +466,7 @@ pub struct BenchNoiseArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "240x135", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "240x135", value_parser = form::Size::read)]
     pub size: (u32, u32),
     /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = samples())]
@@ -511,7 +511,10 @@ fn scene_view(text: &str) -> Result<SceneView, String> {
         return Ok(SceneView { scene: text.into(), view: None });
     };
     let fov = fov.parse::<f32>().map_err(|e| format!("field of view {fov:?}: {e}"))?;
-    Ok(SceneView { scene: scene.into(), view: Some((vector(eye)?, vector(target)?, fov)) })
+    Ok(SceneView {
+        scene: scene.into(),
+        view: Some((form::Vector::read(eye)?, form::Vector::read(target)?, fov)),
+    })
 }
 
 #[cfg(test)]

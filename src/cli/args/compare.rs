@@ -1,7 +1,8 @@
 //! `raystream compare`.
 
-use super::LookArgs;
+use super::SpecArgs;
 use crate::compare::Metric;
+use crate::picture::LookSpec;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -29,7 +30,7 @@ pub struct CompareArgs {
     pub json: bool,
     /// How radiance is shown.
     #[command(flatten)]
-    pub look: LookArgs,
+    pub look: SpecArgs<LookSpec>,
 }
 
 fn limit(text: &str) -> Result<(Metric, f64), String> {

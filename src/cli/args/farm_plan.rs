@@ -1,6 +1,7 @@
 //! Arguments of `raystream farm plan`.
 
 use crate::farm::plan::Costs;
+use crate::picture::form::{Form, Size};
 use clap::{Args, ValueEnum};
 use serde_json::Value;
 use std::path::PathBuf;
@@ -36,7 +37,7 @@ pub struct FarmPlanArgs {
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["job", "together"])]
     pub from_job: Option<PathBuf>,
     /// Size of the pictures, instead of the job's.
-    #[arg(long, value_name = "WxH", value_parser = super::view::size)]
+    #[arg(long, value_name = "WxH", value_parser = Size::read)]
     pub size: Option<(u32, u32)>,
     /// Samples of each pixel, instead of the job's.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16_777_216))]

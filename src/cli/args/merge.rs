@@ -1,9 +1,10 @@
 //! `raystream merge`.
 
+use super::SpecArgs;
 use super::scene::bytes;
-use super::{LookArgs, PictureArgs};
 use crate::film::Region;
 use crate::memory::MemoryBudget;
+use crate::picture::{EncodingSpec, LookSpec};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -28,10 +29,10 @@ pub struct MergeArgs {
     pub region: Option<Region>,
     /// How a .png shows the picture.
     #[command(flatten)]
-    pub look: LookArgs,
+    pub look: SpecArgs<LookSpec>,
     /// How the picture is encoded.
     #[command(flatten)]
-    pub picture: PictureArgs,
+    pub encoding: SpecArgs<EncodingSpec>,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,

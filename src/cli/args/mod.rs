@@ -8,24 +8,17 @@ mod doctor;
 mod farm;
 #[cfg(feature = "farm")]
 mod farm_plan;
-mod frames;
-mod layers;
-mod look;
 mod merge;
-mod optics;
-mod part;
-mod picture;
-mod progress;
 mod render;
 mod reporting;
-mod sampling;
+mod saving;
 mod scene;
 #[cfg(feature = "serve")]
 mod serve;
 mod shaders;
+mod spec;
 mod trace;
 mod units;
-mod view;
 
 #[cfg(all(feature = "bench", feature = "serve"))]
 pub use bench::BenchLiveArgs;
@@ -41,29 +34,22 @@ pub use doctor::DoctorArgs;
 pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, NatsArgs, WorkerArgs};
 #[cfg(feature = "farm")]
 pub use farm_plan::{FarmPlanArgs, JobName};
-pub use frames::FramesArgs;
-pub use layers::LayerArgs;
-pub use look::LookArgs;
 pub use merge::MergeArgs;
-pub use optics::OpticsArgs;
-pub use part::PartArgs;
-pub use picture::PictureArgs;
-pub use progress::ProgressArgs;
 pub use render::RenderArgs;
 pub use reporting::{ProgressForm, ReportingArgs, viewer};
-pub use sampling::SamplingArgs;
-pub use scene::SceneArgs;
+pub use saving::SaveArgs;
+pub use scene::{MemoryArgs, SceneArgs};
 #[cfg(feature = "serve")]
 pub use serve::{
     CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
     ViewArgs,
 };
 pub use shaders::ShadersCommand;
+pub use spec::SpecArgs;
 pub use trace::{MeshArgs, TraceArgs};
 #[cfg(feature = "gpu")]
 pub use units::ShadeChoice;
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
-pub use view::{CameraArgs, LightArgs, vector};
 
 use clap::{Parser, Subcommand};
 use std::path::Path;
@@ -194,6 +180,6 @@ mod tests {
     fn negative_vectors_and_sizes_parse() {
         let cli = Cli::parse_from(["raystream", "render", "a.obj", "--eye", "-1,2,-3e2", "--size", "4x3"]);
         let Command::Render(render) = cli.command else { panic!("render") };
-        assert_eq!((render.camera.eye, render.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
+        assert_eq!((render.spec.camera.eye, render.spec.size), (Some(Vec3::new(-1.0, 2.0, -300.0)), (4, 3)));
     }
 }

@@ -1,90 +1,55 @@
 //! `raystream render`.
 
-use super::view::size;
-use super::{
-    CameraArgs, FramesArgs, LayerArgs, LightArgs, LookArgs, OpticsArgs, PartArgs, PictureArgs, ProgressArgs,
-    ReportingArgs, SamplingArgs, SceneArgs, UnitArgs,
-};
-use crate::cli::plugin_options::Setting;
-use crate::cli::shaders::ShaderSurface;
-use crate::render::{Aov, AovSet};
+use super::{MemoryArgs, ReportingArgs, SaveArgs, SpecArgs, UnitArgs};
+use crate::picture::RenderSpec;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// `raystream render`.
+/// `raystream render`: a render spec, and what belongs to this machine alone.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe; - is standard input.
-    pub scene: PathBuf,
+    /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe; - is standard input. An options file may
+    /// name it instead.
+    pub scene: Option<PathBuf>,
     /// Picture to write: .png (sRGB), .exr, .hdr, .npy or .npz (linear radiance) [default: out.png; none with
     /// --partial].
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Integrator.
-    #[arg(long, value_name = "NAME", default_value = "path")]
-    pub integrator: String,
-    /// Set an option of the integrator or of a surface (repeatable; `--help` lists them).
-    #[arg(long, value_name = "KEY=VALUE", value_parser = clap::value_parser!(Setting))]
-    pub set: Vec<Setting>,
-    /// Give the materials of a name a surface of a shader, with values of its parameters:
-    /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
-    #[arg(long, value_name = "MATERIAL=FILE.wgsl", value_parser = clap::value_parser!(ShaderSurface))]
-    pub surface: Vec<ShaderSurface>,
+    /// The picture.
+    #[command(flatten)]
+    pub spec: SpecArgs<RenderSpec>,
+    /// Print the render spec as JSON instead of rendering. Files are named relative to the current folder.
+    #[arg(long)]
+    pub print_spec: bool,
     /// Render until Ctrl-C, and begin the picture anew whenever the file of a shader changes. A shader with an error
     /// leaves the picture as it is.
     #[arg(long, conflicts_with_all = ["checkpoint", "frames", "noise", "seconds", "stats", "timeline", "partial"])]
     pub watch: bool,
-    /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "960x540", allow_hyphen_values = true, value_parser = size)]
-    pub size: (u32, u32),
-    /// When the picture is finished, and what is saved meanwhile.
+    /// What is saved while the picture is rendered.
     #[command(flatten)]
-    pub progress: ProgressArgs,
-    /// Which part of it is rendered.
-    #[command(flatten)]
-    pub part: PartArgs,
-    /// Maximum number of bounces; 0 = emission and direct light at the first hit.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=1000))]
-    pub max_bounces: u32,
-    /// Seed of all random numbers.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub seed: u64,
-    /// Follow every path to its last bounce: no Russian roulette.
-    #[arg(long)]
-    pub no_russian_roulette: bool,
-    /// How the light of a pixel is sampled.
-    #[command(flatten)]
-    pub sampling: SamplingArgs,
-    /// The camera.
-    #[command(flatten)]
-    pub camera: CameraArgs,
-    /// Its projection and lens.
-    #[command(flatten)]
-    pub optics: OpticsArgs,
-    /// An animation.
-    #[command(flatten)]
-    pub animation: FramesArgs,
-    /// Light besides the scene's own.
-    #[command(flatten)]
-    pub light: LightArgs,
-    /// Layers besides the picture.
-    #[command(flatten)]
-    pub layers: LayerArgs,
-    /// How a .png shows the picture.
-    #[command(flatten)]
-    pub look: LookArgs,
-    /// How pictures are encoded.
-    #[command(flatten)]
-    pub picture: PictureArgs,
+    pub saving: SaveArgs,
+    /// Write exact sums of the samples, from which `raystream merge` makes the picture. A picture is written only with
+    /// -o. With --frames the name numbers them, as in part.%04d.rayfilm.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["noise", "seconds"])]
+    pub partial: Option<PathBuf>,
+    /// Frames, or views, rendered at the same time, so that threads stay busy while the last paths of one frame end.
+    /// Each takes memory for its rays and its film.
+    #[arg(
+        long,
+        value_name = "K",
+        default_value_t = 3,
+        value_parser = clap::value_parser!(u32).range(1..=64)
+    )]
+    pub frames_in_flight: u32,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
     /// Write a timeline of all tasks: .json (Chrome trace) or .svg.
     #[arg(long, value_name = "FILE")]
     pub timeline: Option<PathBuf>,
-    /// How the scene is read.
+    /// The most memory.
     #[command(flatten)]
-    pub loading: SceneArgs,
+    pub memory: MemoryArgs,
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
@@ -94,14 +59,16 @@ pub struct RenderArgs {
 }
 
 impl RenderArgs {
-    /// All layers that are asked for. Views have alpha and the distance along the view axis.
-    pub fn aovs(&self) -> AovSet {
-        let asked = self.layers.aovs();
-        if self.optics.views.is_some() { asked.with(Aov::Z).with_transparent(true) } else { asked }
+    /// Completes the render spec: what neither the arguments nor the options file gives is the default.
+    pub fn complete(&mut self, of_file: RenderSpec) {
+        self.spec.over(of_file);
+        if let Some(scene) = self.scene.take() {
+            self.spec.group_mut().scene = Some(scene);
+        }
     }
 
     /// The picture to write, if one is wanted; of an animation the pattern of its names.
     pub fn picture_path(&self) -> Option<&Path> {
-        super::picture_path(self.output.as_deref(), self.part.partial.as_deref())
+        super::picture_path(self.output.as_deref(), self.partial.as_deref())
     }
 }

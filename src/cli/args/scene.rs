@@ -1,53 +1,42 @@
 //! Options of reading scenes.
 
+use super::SpecArgs;
 use crate::memory::MemoryBudget;
+use crate::picture::LoadingSpec;
 use crate::scene::load::LoadOptions;
-use anyhow::{Result, anyhow};
 use clap::Args;
-#[cfg(feature = "serve")]
-use std::path::PathBuf;
+
+/// The most memory of a command.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct MemoryArgs {
+    /// Most memory for scene, tree and picture, in bytes or as 500M, 12G; what needs more is refused
+    /// [default: 7/8 of the machine's, or of its control group].
+    #[arg(id = "memory", long = "memory", value_name = "BYTES", value_parser = bytes)]
+    bytes: Option<u64>,
+}
+
+impl MemoryArgs {
+    /// The budget.
+    pub fn budget(&self) -> MemoryBudget {
+        self.bytes.map_or_else(MemoryBudget::of_machine, MemoryBudget::of_bytes)
+    }
+}
 
 /// How a scene is read.
 #[derive(Debug, Default, Args)]
 pub struct SceneArgs {
-    /// Most memory for scene, tree and picture, in bytes or as 500M, 12G; what needs more is refused
-    /// [default: 7/8 of the machine's, or of its control group].
-    #[arg(long, value_name = "BYTES", value_parser = bytes)]
-    pub memory: Option<u64>,
-    /// Show a magenta checker in place of textures that are missing or broken.
-    #[arg(long)]
-    pub allow_missing: bool,
-    /// Show the glTF file's material variant of this name (KHR_materials_variants); `mesh` lists them.
-    #[arg(long, value_name = "NAME")]
-    pub variant: Option<String>,
-    /// The folder that a scene's files lie in.
-    #[cfg(feature = "serve")]
-    #[arg(skip)]
-    pub root: Option<PathBuf>,
+    /// The most memory.
+    #[command(flatten)]
+    pub memory: MemoryArgs,
+    /// What the scene's files are asked.
+    #[command(flatten)]
+    pub spec: SpecArgs<LoadingSpec>,
 }
 
 impl SceneArgs {
-    /// The most memory.
-    pub fn memory(&self) -> MemoryBudget {
-        self.memory.map_or_else(MemoryBudget::of_machine, MemoryBudget::of_bytes)
-    }
-
-    /// Checks that a number of bytes can be had. `what` begins the message.
-    pub fn afford(&self, what: String, bytes: u64) -> Result<()> {
-        let checked = self.memory().check(what, bytes);
-        checked.map_err(|error| anyhow!("{error}; make it smaller, or raise the limit (--memory)"))
-    }
-
-    /// What the loaders are asked.
+    /// Options of the loaders.
     pub fn options(&self) -> LoadOptions {
-        let options =
-            LoadOptions::default().with_memory(self.memory()).with_allow_missing(self.allow_missing);
-        #[cfg(feature = "serve")]
-        let options = self.root.iter().fold(options, |options, root| options.with_root(root));
-        match &self.variant {
-            None => options,
-            Some(variant) => options.with_variant(variant),
-        }
+        self.spec.options(&self.memory.budget())
     }
 }
 

@@ -1,6 +1,8 @@
 //! Arguments of the service and of the commands that talk to it.
 
-use super::{LightArgs, SceneArgs, UnitArgs};
+use super::{SceneArgs, SpecArgs, UnitArgs};
+use crate::picture::LightSpec;
+use crate::picture::form::{Form, Seconds};
 use crate::serve::Failpoint;
 use clap::Args;
 use std::net::SocketAddr;
@@ -54,7 +56,7 @@ pub struct ServeArgs {
     #[arg(long, value_name = "N", hide = true)]
     pub unit_samples: Option<u64>,
     /// Longest pause of a client within a request, for tests.
-    #[arg(long, value_name = "SECONDS", hide = true, value_parser = super::progress::duration)]
+    #[arg(long, value_name = "SECONDS", hide = true, value_parser = Seconds::read)]
     pub patience: Option<Duration>,
     /// Cut units at random, for tests.
     #[arg(long, value_name = "SEED", hide = true)]
@@ -191,5 +193,5 @@ pub struct CheckSceneArgs {
     pub loading: SceneArgs,
     /// Light besides its own.
     #[command(flatten)]
-    pub light: LightArgs,
+    pub light: SpecArgs<LightSpec>,
 }

@@ -17,10 +17,11 @@ mod tail;
 mod textures;
 
 use super::Outcome;
-use super::args::{BenchCommand, SceneArgs, ShotArgs};
+use super::args::{BenchCommand, MemoryArgs, ShotArgs};
 use super::outputs::Outputs;
 use super::setup::Setup;
 use super::sheet::{Provenance, SceneRow, write};
+use crate::picture::LoadingSpec;
 use crate::scene::{Camera, Scene};
 use anyhow::Result;
 use std::path::Path;
@@ -54,9 +55,10 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
 impl ShotArgs {
     /// Prepares a scene and a service for `max_jobs` jobs at a time; returns them with the scene's camera.
     fn set_up(&self, scene: &Path, (width, height): (u32, u32), max_jobs: usize) -> Result<(Setup, Camera)> {
-        let loading = SceneArgs::default();
-        let light = |scene: &mut Scene| self.light.apply_environment(scene, &loading.options());
-        let setup = Setup::new(scene, &loading, 0, &self.units, max_jobs, light)?;
+        let (loading, memory) = (LoadingSpec::default(), MemoryArgs::default().budget());
+        let options = loading.options(&memory);
+        let light = |scene: &mut Scene| self.light.apply_environment(scene, &options);
+        let setup = Setup::new(scene, &options, &memory, 0, &self.units, max_jobs, light)?;
         let scene = &setup.prepared.scene;
         let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
         let camera = self.camera.apply(scene.camera, framed);

@@ -21,7 +21,9 @@ enum Row {
 
 /// Measures RTRT's tables.
 pub fn run(args: &BenchTablesArgs) -> Result<()> {
-    let setup = Setup::new(&args.scene, &SceneArgs::default(), 0, &args.units, 1, |_| Ok(()))?;
+    let loading = SceneArgs::default();
+    let setup =
+        Setup::new(&args.scene, &loading.options(), &loading.memory.budget(), 0, &args.units, 1, |_| Ok(()))?;
     let prepared = &setup.prepared;
     let camera = args.camera.apply(prepared.scene.camera, || Camera::framing(&prepared.scene.bounds(), 1.0));
     let mut rows = Vec::new();

@@ -1,11 +1,10 @@
 //! The checkpoint of an animation: which frames are finished.
 
 use super::animation::Animation;
-use super::checkpoint::{identity, of_part};
 use crate::cli::args::RenderArgs;
-use crate::cli::setup::Setup;
 use crate::files;
-use crate::render::{CHECKPOINT_VERSION, CheckpointError, Identity, Settings};
+use crate::picture::Rendering;
+use crate::render::{CHECKPOINT_VERSION, CheckpointError, Identity};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
@@ -44,14 +43,14 @@ impl Content {
 
 impl FinishedFrames {
     /// The checkpoint that the options name, if any: the existing file with `--resume`, else a new one.
-    pub fn open(args: &RenderArgs, setup: &Setup, settings: &Settings) -> Result<Option<Self>> {
-        let Some(path) = args.progress.checkpoint.clone() else { return Ok(None) };
+    pub fn open(args: &RenderArgs, rendering: &Rendering) -> Result<Option<Self>> {
+        let Some(path) = args.saving.checkpoint.clone() else { return Ok(None) };
         let name = path.display().to_string();
-        let identity = of_part(identity(args, setup, settings, None), args);
+        let identity = rendering.identity(None);
         let version = CHECKPOINT_VERSION;
         let none = Content { version, raystream_frames: identity.clone(), done: BTreeMap::new() };
         let content = match std::fs::read(&path) {
-            Ok(kept) if args.progress.resume => {
+            Ok(kept) if args.saving.resume => {
                 let content: Content = serde_json::from_slice(&kept)
                     .with_context(|| format!("{name}: not a checkpoint of an animation"))?;
                 let same = match content.version {

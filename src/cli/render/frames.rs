@@ -1,12 +1,11 @@
 //! Renders an animation, several frames at a time.
 
 use super::animation::Animation;
-use super::facts::Facts;
 use super::finished_frames::FinishedFrames;
 use super::shot::Shot;
 use super::totals::Totals;
 use super::viewer::Viewer;
-use super::{insist, views, warn_of_clamped};
+use super::{insist, transforms, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
 use crate::cli::progress::{POLL_INTERVAL, Progress};
@@ -14,27 +13,29 @@ use crate::cli::setup::Setup;
 use crate::cli::stats::{self, FrameStats, FramesStats, SCHEMA, SceneStats};
 use crate::cli::{Outcome, interrupt};
 use crate::meters::{Meters, Recorder};
+use crate::picture::Rendering;
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Settings};
 use crate::scene::Camera;
 use anyhow::Result;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Renders all frames. A frame is written once it and all before it are finished.
-pub fn run<I: Integrator>(
+pub fn run(
     args: &RenderArgs,
     setup: &Setup,
-    animation: &Animation,
-    integrator: &I,
+    rendering: &Rendering,
+    animation: &Animation<'_>,
     progress: &mut Progress,
 ) -> Result<Outcome> {
-    let in_flight = args.animation.frames_in_flight as usize;
+    let todo = animation.frames().numbers();
+    let integrator = rendering.integrator(&animation.camera(todo.start)?)?;
+    let in_flight = args.frames_in_flight as usize;
     let settings = integrator.frame().settings();
-    let facts = Facts::new(args, setup, settings);
     let viewer = Viewer::of(args)?;
-    let mut finished = FinishedFrames::open(args, setup, settings)?;
-    let options = PassOptions { noise: args.progress.noise, pass_time: None };
-    let mut shots: VecDeque<Shot<I>> = VecDeque::new();
-    let mut todo = animation.frames.clone();
+    let mut finished = FinishedFrames::open(args, rendering)?;
+    let options = PassOptions { noise: args.spec.stop.noise, pass_time: None };
+    let mut shots: VecDeque<Shot> = VecDeque::new();
+    let (mut todo, all) = (todo.clone(), todo.len());
     let (mut totals, mut done, mut splats) = (Totals::default(), Vec::new(), Splats::default());
     totals.events.recover(setup.prepared.degraded.clone());
     let (meters, recorder) = (Meters::start(), args.timeline.as_ref().and_then(|_| Recorder::start()));
@@ -52,10 +53,10 @@ pub fn run<I: Integrator>(
                 progress.finish_job(tiles, 0);
                 continue;
             }
-            shots.push_back(Shot::begin(args, setup, frame, camera, integrator, options)?);
+            shots.push_back(Shot::begin(args, rendering, frame, camera, &integrator, options)?);
         }
         for shot in &mut shots {
-            shot.advance(args, setup, &mut totals, progress)?;
+            shot.advance(args, setup, rendering, &mut totals, progress)?;
         }
         let Some(oldest) = shots.front() else { break };
         if !oldest.picture.is_complete() {
@@ -63,7 +64,7 @@ pub fn run<I: Integrator>(
                 progress.show(shots.iter().flat_map(|shot| shot.picture.progress()));
             }
             if interrupt::requested() {
-                totals.events.lack([stopped(done.len(), animation.frames.len())]);
+                totals.events.lack([stopped(done.len(), all)]);
                 keep(&mut shots, &mut totals)?;
                 break;
             }
@@ -71,7 +72,7 @@ pub fn run<I: Integrator>(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, setup, animation, &facts, &viewer)?;
+        let written = shot.write(args, rendering, animation, &viewer)?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();
@@ -86,13 +87,13 @@ pub fn run<I: Integrator>(
     totals.joules = meters.joules();
     write_timeline(args, setup, &totals, recorder)?;
     done.sort_by_key(|frame| frame.frame);
-    insist(|| views::write_transforms(args, animation, &done))?;
+    insist(|| transforms::write_transforms(args, animation, &done))?;
     let stats = summarise(args, setup, settings, &mut totals, (done, splats));
     report(args, animation, &stats, &totals.events)
 }
 
 /// Stops unfinished frames. They would be noisier than the others, so no picture shows them.
-fn keep<I: Integrator>(shots: &mut VecDeque<Shot<I>>, totals: &mut Totals) -> Result<()> {
+fn keep(shots: &mut VecDeque<Shot>, totals: &mut Totals) -> Result<()> {
     let lost = Shot::keep_all(shots, totals)?;
     totals.events.lack(lost);
     Ok(())
@@ -117,7 +118,7 @@ struct Splats {
 }
 
 impl Splats {
-    fn add<I: Integrator>(&mut self, shot: &Shot<I>) {
+    fn add(&mut self, shot: &Shot) {
         let film = shot.picture.picture();
         self.dropped += film.dropped_splats();
         self.clamped += film.clamped_splats();
@@ -182,10 +183,10 @@ fn summarise(
         height: settings.height,
         spp: settings.spp,
         filter: settings.filter.to_string(),
-        indirect_limit: args.sampling.indirect_limit(&args.look),
+        indirect_limit: args.spec.indirect_limit(),
         picture_version: PICTURE_VERSION,
         frames,
-        frames_in_flight: args.animation.frames_in_flight as usize,
+        frames_in_flight: args.frames_in_flight as usize,
         seconds: totals.wall_s(),
         rays: totals.rays.into(),
         mray_per_s: totals.rays.total() as f64 / micros,

@@ -1,10 +1,8 @@
 //! Writes partial films.
 
-use super::checkpoint::identity;
 use super::insist;
-use crate::cli::args::RenderArgs;
-use crate::cli::setup::Setup;
 use crate::files::{self, NotWritten};
+use crate::picture::{AnyIntegrator, Rendering};
 use crate::render::{Integrator, PartialFilm, Progressive};
 use crate::scene::Camera;
 use anyhow::{Context, Result};
@@ -13,12 +11,11 @@ use std::io::Write;
 use std::path::Path;
 
 /// Writes a finished part to a file, if one is given. Returns why it is not written if the part is not finished.
-pub fn write_finished<I: Integrator>(
+pub fn write_finished(
     path: Option<&Path>,
-    args: &RenderArgs,
-    setup: &Setup,
+    rendering: &Rendering,
     camera: &Camera,
-    frame: &Progressive<I>,
+    frame: &Progressive<AnyIntegrator>,
     facts: &BTreeMap<String, String>,
 ) -> Result<Option<String>> {
     let Some(path) = path else { return Ok(None) };
@@ -27,7 +24,7 @@ pub fn write_finished<I: Integrator>(
         return Ok(Some(format!("{name}: not written, because not all of its samples have been taken")));
     }
     let part = frame.integrator().frame();
-    let identity = identity(args, setup, part.settings(), Some(camera));
+    let identity = rendering.whole_identity(Some(camera));
     let film = PartialFilm::new(identity, part, frame.picture()).with_context(|| name.to_string())?;
     let film = film.with_metadata(facts.clone());
     insist(|| write(path, &film))?;

@@ -1,16 +1,15 @@
 //! A frame of an animation while it is rendered.
 
 use super::animation::Animation;
-use super::checkpoint::Checkpoint;
-use super::facts::Facts;
 use super::totals::Totals;
 use super::viewer::Viewer;
-use super::{insist, partial, submit};
+use super::{checkpoint, insist, partial, submit};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::Progress;
 use crate::cli::setup::Setup;
 use crate::cli::stats::{FrameStats, NoiseStats};
 use crate::film::write_picture;
+use crate::picture::{AnyIntegrator, Checkpoint, Rendering, mean_samples};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Camera;
 use crate::schedule::JobReport;
@@ -19,10 +18,10 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 /// A frame being rendered, in passes if noise decides when it ends.
-pub struct Shot<I: Integrator> {
+pub struct Shot {
     pub frame: u32,
     pub camera: Camera,
-    pub picture: Progressive<I>,
+    pub picture: Progressive<AnyIntegrator>,
     /// Where its samples are kept if the animation is interrupted.
     checkpoint: Option<Checkpoint>,
     /// Seconds since the service began: its first camera ray and its last splat.
@@ -30,18 +29,18 @@ pub struct Shot<I: Integrator> {
     end_s: f64,
 }
 
-impl<I: Integrator> Shot<I> {
+impl Shot {
     /// A frame from its first sample, or from those that an interrupted run has kept.
     pub fn begin(
         args: &RenderArgs,
-        setup: &Setup,
+        rendering: &Rendering,
         frame: u32,
         camera: Camera,
-        integrator: &I,
+        integrator: &AnyIntegrator,
         options: PassOptions,
     ) -> Result<Self> {
         let seen = integrator.seen_by(&camera).with_context(|| format!("frame {frame}"))?;
-        let checkpoint = Checkpoint::of_frame(args, setup, &camera, &seen, frame);
+        let checkpoint = of_frame(args, rendering, &camera, frame);
         let picture = match &checkpoint {
             Some(checkpoint) if checkpoint.is_kept() => checkpoint.begin(seen, options)?,
             _ => Progressive::new(seen, options),
@@ -54,12 +53,13 @@ impl<I: Integrator> Shot<I> {
         &mut self,
         args: &RenderArgs,
         setup: &Setup,
+        rendering: &Rendering,
         totals: &mut Totals,
         progress: &mut Progress,
     ) -> Result<()> {
         let name = format!("frame {}", self.frame);
         loop {
-            self.picture.begin(|pass| submit(setup, args, pass, &name))?;
+            self.picture.begin(|pass| submit(setup, args, rendering, pass, &name))?;
             if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
                 return Ok(());
             }
@@ -101,24 +101,20 @@ impl<I: Integrator> Shot<I> {
     pub fn write(
         &self,
         args: &RenderArgs,
-        setup: &Setup,
-        animation: &Animation,
-        facts: &Facts,
+        rendering: &Rendering,
+        animation: &Animation<'_>,
         viewer: &Viewer,
     ) -> Result<FrameStats> {
-        let film = self.picture.picture();
-        let region = self.picture.integrator().frame().part().region;
-        let mean_spp = film.samples() as f64 / region.area() as f64;
-        let mut picture = self.picture.integrator().frame().develop(&film);
-        picture.metadata = facts.of(&picture.image, &self.camera, mean_spp);
-        let (look, options) = (args.look.look(), args.picture.options());
+        let mean_spp = mean_samples(&self.picture);
+        let picture = rendering.developed(&self.picture, &self.camera);
+        let (look, options) = (args.spec.look.look(), args.spec.encoding.options());
         viewer.show(&animation.subject(self.frame), &picture);
         if let Some(file) = animation.picture(self.frame) {
             insist(|| write_picture(&file, &picture, &look, &options))?;
         }
         let (part, metadata) = (animation.partial(self.frame), &picture.metadata);
         let unwritten =
-            partial::write_finished(part.as_deref(), args, setup, &self.camera, &self.picture, metadata)?;
+            partial::write_finished(part.as_deref(), rendering, &self.camera, &self.picture, metadata)?;
         debug_assert!(unwritten.is_none(), "the frame is complete");
         Ok(FrameStats {
             frame: self.frame,
@@ -136,4 +132,12 @@ impl<I: Integrator> Shot<I> {
             checkpoint.remove();
         }
     }
+}
+
+/// The checkpoint of one frame of an animation, beside that of the animation.
+fn of_frame(args: &RenderArgs, rendering: &Rendering, camera: &Camera, frame: u32) -> Option<Checkpoint> {
+    let whole = checkpoint(args, rendering, camera)?;
+    let mut path = whole.path().as_os_str().to_owned();
+    path.push(format!(".frame-{frame}"));
+    Some(whole.with_path(path.into()))
 }

@@ -1,10 +1,8 @@
 //! A single picture.
 
-use super::checkpoint::Checkpoint;
-use super::facts::Facts;
 use super::totals::Totals;
 use super::viewer::{Viewer, pass_time};
-use super::{insist, partial, submit, warn_of_clamped};
+use super::{checkpoint, insist, partial, submit, warn_of_clamped};
 use crate::cli::args::RenderArgs;
 use crate::cli::events::Events;
 use crate::cli::progress::{POLL_INTERVAL, Progress};
@@ -13,32 +11,31 @@ use crate::cli::stats::{self, ImageStats, NoiseStats, RenderStats, SCHEMA, Scene
 use crate::cli::{Outcome, interrupt};
 use crate::film::{Exposure, Film, Picture, WriteError, write_picture};
 use crate::meters::{Meters, Recorder};
+use crate::picture::{AnyIntegrator, Checkpoint, Rendering, mean_samples};
 use crate::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
-use crate::scene::Camera;
 use anyhow::{Context, Result};
 use std::path::Path;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Renders the integrator's frame, in passes if pictures or checkpoints are written meanwhile.
-pub fn run<I: Integrator>(
+pub fn run(
     args: &RenderArgs,
     setup: &Setup,
-    camera: &Camera,
-    integrator: I,
+    rendering: &Rendering,
     progress: &mut Progress,
 ) -> Result<Outcome> {
-    let interval = args.progress.interval();
+    let camera = rendering.camera(0)?;
+    let integrator = rendering.integrator(&camera)?;
+    let interval = args.saving.interval();
     let mut viewer = Viewer::of(args)?;
-    let options = PassOptions { noise: args.progress.noise, pass_time: pass_time(args) };
-    let checkpoint = Checkpoint::of(args, setup, camera, &integrator);
-    let facts = Facts::new(args, setup, integrator.frame().settings());
+    let options = PassOptions { noise: args.spec.stop.noise, pass_time: pass_time(args) };
+    let checkpoint = checkpoint(args, rendering, &camera);
     let tiles = integrator.frame().tiles();
     let mut frame = match &checkpoint {
         Some(checkpoint) => checkpoint.begin(integrator, options)?,
         None => Progressive::new(integrator, options),
     };
-    progress.begin(tiles, tiles_taken(&frame, tiles), args.progress.seconds);
+    progress.begin(tiles, tiles_taken(&frame, tiles), args.spec.stop.seconds);
     let mut totals = Totals::default();
     let (meters, recorder) = (Meters::start(), args.timeline.as_ref().and_then(|_| Recorder::start()));
     let started = Instant::now();
@@ -52,7 +49,7 @@ pub fn run<I: Integrator>(
                 frame.stop();
             }
         }
-        frame.begin(|pass| submit(setup, args, pass, &name))?;
+        frame.begin(|pass| submit(setup, args, rendering, pass, &name))?;
         if !frame.wait_for(POLL_INTERVAL) {
             progress.show(frame.progress());
             continue;
@@ -61,7 +58,7 @@ pub fn run<I: Integrator>(
         progress.finish_job(report.tiles_spawned, report.rays.total());
         totals.add(&report);
         if let Some(time) = interval.filter(|time| saved.elapsed() >= *time) {
-            save_meanwhile(args, checkpoint.as_ref(), &frame, &develop(&frame, &facts, camera).1, time);
+            save_meanwhile(args, checkpoint.as_ref(), &frame, &rendering.developed(&frame, &camera), time);
             saved = Instant::now();
         }
         viewer.show_sometimes(&name, || frame.develop());
@@ -70,21 +67,21 @@ pub fn run<I: Integrator>(
     let render_s = started.elapsed().as_secs_f64();
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
-    let (part, started) = (args.part.partial.as_deref(), Instant::now());
-    let (film, picture) = develop(&frame, &facts, camera);
+    let (part, started) = (args.partial.as_deref(), Instant::now());
+    let (film, picture) = (frame.picture(), rendering.developed(&frame, &camera));
     viewer.show(&name, &picture);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
     totals.add_shading(setup);
-    totals.events.lack((end == End::Interrupted).then(|| stopped(&frame, &film)).flatten());
+    totals.events.lack((end == End::Interrupted).then(|| stopped(&frame)).flatten());
     totals.events.lack(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
-    totals.events.lack(partial::write_finished(part, args, setup, camera, &frame, &picture.metadata)?);
+    totals.events.lack(partial::write_finished(part, rendering, &camera, &frame, &picture.metadata)?);
     let seconds = Seconds {
         load: setup.load_s,
         build: setup.build_s,
         render: render_s,
         write: started.elapsed().as_secs_f64(),
     };
-    let image = image_stats(args, &frame, &film, &picture);
+    let image = image_stats(args, &frame, &picture);
     let stats = summarise(setup, &frame, &film, image, seconds, &mut totals);
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
@@ -104,23 +101,18 @@ fn report(args: &RenderArgs, stats: &RenderStats, events: &Events) -> Result<Out
 
 /// What the command writes first of all.
 fn subject(args: &RenderArgs) -> &Path {
-    args.picture_path().or(args.part.partial.as_deref()).unwrap_or(Path::new("nothing"))
+    args.picture_path().or(args.partial.as_deref()).unwrap_or(Path::new("nothing"))
 }
 
 /// Tiles of a frame that an earlier run has taken.
-fn tiles_taken<I: Integrator>(frame: &Progressive<I>, tiles: u64) -> u64 {
+fn tiles_taken(frame: &Progressive<AnyIntegrator>, tiles: u64) -> u64 {
     let taken = frame.picture().samples() as f64 / frame.integrator().frame().part().count() as f64;
     (taken * tiles as f64) as u64
 }
 
-/// Mean number of samples of the pixels that are rendered.
-fn mean_samples<I: Integrator>(frame: &Progressive<I>, film: &Film) -> f64 {
-    film.samples() as f64 / frame.integrator().frame().part().region.area() as f64
-}
-
 /// That a frame lacks samples, if it does.
-fn stopped<I: Integrator>(frame: &Progressive<I>, film: &Film) -> Option<String> {
-    let samples = mean_samples(frame, film);
+fn stopped(frame: &Progressive<AnyIntegrator>) -> Option<String> {
+    let samples = mean_samples(frame);
     let all = frame.integrator().frame().part().samples.len();
     (!frame.is_complete()).then(|| format!("stopped after {samples:.1} of {all} samples per pixel"))
 }
@@ -139,7 +131,7 @@ enum End {
 impl End {
     /// Whether something ends rendering before it is complete.
     fn now(args: &RenderArgs, started: Instant, passes: u64) -> Self {
-        let is_late = args.progress.seconds.is_some_and(|time| started.elapsed() >= time);
+        let is_late = args.spec.stop.seconds.is_some_and(|time| started.elapsed() >= time);
         if interrupt::requested() {
             Self::Interrupted
         } else if is_late && passes > 0 {
@@ -150,20 +142,12 @@ impl End {
     }
 }
 
-/// The film and the picture so far.
-fn develop<I: Integrator>(frame: &Progressive<I>, facts: &Facts, camera: &Camera) -> (Arc<Film>, Picture) {
-    let film = frame.picture();
-    let mut picture = frame.integrator().frame().develop(&film);
-    picture.metadata = facts.of(&picture.image, camera, mean_samples(frame, &film));
-    (film, picture)
-}
-
 /// Writes the checkpoint and the picture while rendering goes on. A failure is told, because the disk may have space
 /// again the next time.
-fn save_meanwhile<I: Integrator>(
+fn save_meanwhile(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
-    frame: &Progressive<I>,
+    frame: &Progressive<AnyIntegrator>,
     picture: &Picture,
     interval: Duration,
 ) {
@@ -177,26 +161,21 @@ fn save_meanwhile<I: Integrator>(
 /// Writes the picture, if one is wanted.
 fn write(args: &RenderArgs, picture: &Picture) -> Result<(), WriteError> {
     let Some(path) = args.picture_path() else { return Ok(()) };
-    write_picture(path, picture, &args.look.look(), &args.picture.options())
+    write_picture(path, picture, &args.spec.look.look(), &args.spec.encoding.options())
 }
 
-fn image_stats<I: Integrator>(
-    args: &RenderArgs,
-    frame: &Progressive<I>,
-    film: &Film,
-    picture: &Picture,
-) -> ImageStats {
+fn image_stats(args: &RenderArgs, frame: &Progressive<AnyIntegrator>, picture: &Picture) -> ImageStats {
     let image = &picture.image;
-    let look = args.look.look();
+    let look = args.spec.look.look();
     ImageStats {
         width: image.width,
         height: image.height,
         spp: frame.integrator().frame().settings().spp,
-        region: args.part.region.map(|region| [region.x, region.y, region.width, region.height]),
-        samples: args.part.samples.as_ref().map(|samples| [samples.start, samples.end]),
-        mean_spp: mean_samples(frame, film),
-        filter: args.sampling.filter.to_string(),
-        indirect_limit: args.sampling.indirect_limit(&args.look),
+        region: args.spec.part.region.map(|region| [region.x, region.y, region.width, region.height]),
+        samples: args.spec.part.samples.as_ref().map(|samples| [samples.start, samples.end]),
+        mean_spp: mean_samples(frame),
+        filter: args.spec.sampling.filter.to_string(),
+        indirect_limit: args.spec.indirect_limit(),
         hash: image.hash(),
         layers: picture.layer_hashes(),
         picture_version: PICTURE_VERSION,
@@ -206,10 +185,10 @@ fn image_stats<I: Integrator>(
 }
 
 /// Writes the checkpoint and the picture at the end. Returns what became of a checkpoint that cannot be written.
-fn save_last<I: Integrator>(
+fn save_last(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
-    frame: &Progressive<I>,
+    frame: &Progressive<AnyIntegrator>,
     picture: &Picture,
 ) -> Result<Option<String>> {
     // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
@@ -219,9 +198,9 @@ fn save_last<I: Integrator>(
     Ok(kept.err().map(told))
 }
 
-fn summarise<I: Integrator>(
+fn summarise(
     setup: &Setup,
-    frame: &Progressive<I>,
+    frame: &Progressive<AnyIntegrator>,
     film: &Film,
     image: ImageStats,
     seconds: Seconds,
@@ -279,7 +258,7 @@ fn print(args: &RenderArgs, stats: &RenderStats) {
         stats.mpath_per_s,
         image.hash
     );
-    if args.look.exposure == Exposure::Auto {
+    if args.spec.look.exposure == Exposure::Auto {
         stdout_line!("exposure {:+.2} stops", image.exposure_stops);
     }
     if let Some(noise) = &stats.noise {

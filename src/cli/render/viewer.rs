@@ -38,7 +38,7 @@ impl Viewer {
 /// The time of a pass: two are in flight between two pictures that are saved or shown. The first is short, so that
 /// there is a picture when time is.
 pub fn pass_time(args: &RenderArgs) -> Option<Duration> {
-    let saved = args.progress.interval().map(|time| time / 2).or(args.progress.seconds);
+    let saved = args.saving.interval().map(|time| time / 2).or(args.spec.stop.seconds);
     let shown = args.reporting.tev.as_ref().map(|_| INTERVAL);
     saved.into_iter().chain(shown).min()
 }

@@ -6,15 +6,14 @@ use crate::cli::args::RenderArgs;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::setup::Setup;
-use crate::cli::shaders::Shaders;
 use crate::engine::PreparedScene;
 use crate::film::{Picture, write_picture};
+use crate::picture::{AnyIntegrator, Rendering, Shaders};
 use crate::render::{Integrator, PassOptions, Progressive};
 use crate::scene::Scene;
 use crate::schedule::JobOptions;
 use anyhow::{Context, Result};
 use std::path::Path;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How often files are looked at.
@@ -26,16 +25,17 @@ const PASS_TIME: Duration = Duration::from_millis(200);
 /// Renders until Ctrl-C. When a shader's file changes, the picture begins anew with the new shader; an error is told,
 /// and the picture goes on with the last good one. The picture's file is written after the first pass of each shader,
 /// then at the interval of `--save-every`.
-pub fn run<I: Integrator>(
+pub fn run(
     args: &RenderArgs,
     setup: &Setup,
-    mut integrator: I,
+    rendering: &Rendering,
     mut shaders: Shaders,
     progress: &mut Progress,
 ) -> Result<Outcome> {
     let path = args.picture_path().context("--watch needs -o, the picture that it keeps up to date")?;
     let viewer = Viewer::of(args)?;
     interrupt::listen();
+    let mut integrator = rendering.integrator(&rendering.camera(0)?)?;
     let mut changed: Option<PreparedScene> = None;
     loop {
         let prepared = changed.as_ref().unwrap_or(&setup.prepared);
@@ -59,10 +59,10 @@ struct Watching<'a> {
 
 impl Watching<'_> {
     /// Renders until Ctrl-C, or until a shader changes: then returns the new scene.
-    fn render<I: Integrator>(self, integrator: I, progress: &mut Progress) -> Result<Option<Scene>> {
+    fn render(self, integrator: AnyIntegrator, progress: &mut Progress) -> Result<Option<Scene>> {
         let Self { args, setup, prepared, path, shaders, viewer } = self;
         let name = path.display().to_string();
-        let interval = args.progress.interval().unwrap_or(Duration::from_secs(2));
+        let interval = args.saving.interval().unwrap_or(Duration::from_secs(2));
         let tiles = integrator.frame().tiles();
         let mut frame = Progressive::new(integrator, PassOptions { noise: None, pass_time: Some(PASS_TIME) });
         progress.begin(tiles, 0, None);
@@ -82,7 +82,7 @@ impl Watching<'_> {
             }
             frame.begin(|pass| {
                 let options = JobOptions { policy: setup.policy, ..JobOptions::default().with_name(&*name) };
-                prepared.submit(&setup.service, Arc::clone(pass), options)
+                pass.submit(prepared, &setup.service, options)
             })?;
             if !frame.wait_for(LOOK_INTERVAL) {
                 progress.show(frame.progress());
@@ -105,5 +105,5 @@ impl Watching<'_> {
 }
 
 fn write(args: &RenderArgs, path: &Path, picture: &Picture) -> Result<()> {
-    Ok(write_picture(path, picture, &args.look.look(), &args.picture.options())?)
+    Ok(write_picture(path, picture, &args.spec.look.look(), &args.spec.encoding.options())?)
 }

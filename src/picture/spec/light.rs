@@ -1,13 +1,25 @@
-//! Applies the options of light to a scene.
+//! Light besides the scene's own.
 
-use super::args::{LightArgs, vector};
+use super::form::{self, Form};
+use super::option::spec_group;
 use crate::scene::load::{self, LoadOptions};
 use crate::scene::{Environment, Scene};
 use anyhow::{Result, bail};
 use glam::Vec3;
 use std::path::Path;
 
-impl LightArgs {
+spec_group! {
+    /// Light besides the scene's own.
+    pub struct LightSpec {
+        /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
+        /// [default: the scene's; 1,1,1 if the scene has no light].
+        maybe "env" env: form::Text, "FILE|R,G,B";
+        /// Rotate the environment map around the vertical axis.
+        one "env-rotation" env_rotation: form::Angle = 0.0, "DEG";
+    }
+}
+
+impl LightSpec {
     /// The environment's file, if the options name one.
     pub fn env_file(&self) -> Option<&Path> {
         self.env.as_deref().filter(|text| !is_list_of_numbers(text)).map(Path::new)
@@ -17,7 +29,7 @@ impl LightArgs {
     pub fn apply_environment(&self, scene: &mut Scene, options: &LoadOptions) -> Result<()> {
         match &self.env {
             Some(text) => {
-                scene.environment = match vector(text) {
+                scene.environment = match form::Vector::read(text) {
                     Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
                     Ok(radiance) => bail!("--env {radiance}: radiance must not be negative"),
                     Err(problem) if is_list_of_numbers(text) => bail!("--env {text}: {problem}"),

@@ -1,30 +1,27 @@
 //! How pictures are encoded.
 
+use super::form;
+use super::option::spec_group;
 use crate::film::{ExrCompression, Format, LayerFormat, PngBits, WriteOptions};
 use crate::render::{Aov, AovSet};
 use anyhow::{Result, ensure};
-use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::path::Path;
 
-/// How pictures are encoded.
-#[derive(Debug, Args)]
-pub struct PictureArgs {
-    /// Bits of a channel in a .png.
-    #[arg(long, value_name = "8|16", default_value = "8", value_parser = png_bits)]
-    pub png_bits: PngBits,
-    /// Lossless compression of an .exr: none, rle, zips (deflate by rows), zip (by 16 rows) or piz (for noise).
-    #[arg(long, value_name = "NAME", default_value = ExrCompression::default().name(), value_parser = compression())]
-    pub exr_compression: ExrCompression,
-    /// Store colours, alpha and normals of an .exr as half-precision floats.
-    #[arg(long)]
-    pub exr_half: bool,
-    /// Files of layers beside a .png, .hdr or .npy: npy, or png with depths, normals, ids and colours for viewers.
-    #[arg(long, value_name = "NAME", default_value = LayerFormat::default().name(), value_parser = layer_format())]
-    pub aov_format: LayerFormat,
+spec_group! {
+    /// How pictures are encoded.
+    pub struct EncodingSpec {
+        /// Bits of a channel in a .png.
+        one "png-bits" png_bits: form::Bits = PngBits::Eight, "8|16";
+        /// Lossless compression of an .exr: none, rle, zips (deflate by rows), zip (by 16 rows) or piz (for noise).
+        one "exr-compression" exr_compression: form::Compression = ExrCompression::default(), "NAME";
+        /// Store colours, alpha and normals of an .exr as half-precision floats.
+        flag "exr-half" exr_half;
+        /// Files of layers beside a .png, .hdr or .npy: npy, or png with depths, normals, ids and colours for viewers.
+        one "aov-format" aov_format: form::LayerFormatName = LayerFormat::default(), "NAME";
+    }
 }
 
-impl PictureArgs {
+impl EncodingSpec {
     /// The options.
     pub fn options(&self) -> WriteOptions {
         WriteOptions::default()
@@ -56,33 +53,13 @@ impl PictureArgs {
     }
 }
 
-fn png_bits(text: &str) -> Result<PngBits, &'static str> {
-    match text {
-        "8" => Ok(PngBits::Eight),
-        "16" => Ok(PngBits::Sixteen),
-        _ => Err("a channel of a .png has 8 or 16 bits"),
-    }
-}
-
-fn layer_format() -> impl TypedValueParser<Value = LayerFormat> {
-    let named = |name: String| LayerFormat::ALL.into_iter().find(|format| format.name() == name);
-    PossibleValuesParser::new(LayerFormat::ALL.map(LayerFormat::name))
-        .map(move |name| named(name).expect("one of the possible values"))
-}
-
-fn compression() -> impl TypedValueParser<Value = ExrCompression> {
-    let named = |name: String| ExrCompression::ALL.into_iter().find(|compression| compression.name() == name);
-    PossibleValuesParser::new(ExrCompression::ALL.map(ExrCompression::name))
-        .map(move |name| named(name).expect("one of the possible values"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn triangles_that_three_bytes_cannot_number_are_refused() {
-        let args = |aov_format| PictureArgs {
+        let args = |aov_format| EncodingSpec {
             png_bits: PngBits::Eight,
             exr_compression: ExrCompression::default(),
             exr_half: false,

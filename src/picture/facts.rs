@@ -1,56 +1,43 @@
 //! Facts that picture files hold beside pixels.
 
-use crate::cli::args::RenderArgs;
-use crate::cli::setup::Setup;
+use super::Rendering;
 use crate::film::{Image, Picture};
 use crate::render::{PICTURE_VERSION, Settings};
 use crate::scene::{Camera, Distortion};
 use std::collections::BTreeMap;
 
-/// Facts of all pictures of a command.
-pub struct Facts<'a> {
-    args: &'a RenderArgs,
-    settings: Settings,
-    scene_hash: String,
-}
-
-impl<'a> Facts<'a> {
-    /// The facts of pictures that these arguments ask for.
-    pub fn new(args: &'a RenderArgs, setup: &Setup, settings: &Settings) -> Self {
-        Self { args, settings: *settings, scene_hash: setup.prepared.scene_hash().to_owned() }
-    }
-
+impl Rendering {
     /// What a file says of a picture, by the names in `docs/guide/picture-files.md`.
-    pub fn of(&self, image: &Image, camera: &Camera, mean_spp: f64) -> BTreeMap<String, String> {
-        let Self { args, settings, scene_hash } = self;
-        let look = args.look.look();
+    pub fn facts(&self, image: &Image, camera: &Camera, mean_spp: f64) -> BTreeMap<String, String> {
+        let (spec, settings) = (self.spec(), self.spec().settings());
+        let look = spec.look.look();
         let facts = [
-            ("scene_hash", scene_hash.clone()),
+            ("scene_hash", self.prepared().scene_hash().to_owned()),
             ("picture_hash", image.hash()),
             ("picture_version", PICTURE_VERSION.to_string()),
             ("camera", camera.to_string()),
-            ("integrator", args.integrator.clone()),
+            ("integrator", self.integrator_name().to_owned()),
             ("spp", settings.spp.to_string()),
             ("mean_spp", mean_spp.to_string()),
             ("max_bounces", settings.max_bounces.to_string()),
             ("seed", settings.seed.to_string()),
-            ("filter", args.sampling.filter.to_string()),
+            ("filter", spec.sampling.filter.to_string()),
             ("view", look.view().name().to_owned()),
             ("exposure_stops", look.stops(image).to_string()),
         ];
         let optional = [
-            ("indirect_limit", args.sampling.indirect_limit(&args.look).map(|limit| limit.to_string())),
-            ("white_balance", args.look.white_balance.map(|kelvin| kelvin.to_string())),
+            ("indirect_limit", spec.indirect_limit().map(|limit| limit.to_string())),
+            ("white_balance", spec.look.white_balance.map(|kelvin| kelvin.to_string())),
             (Picture::WORLD_TO_CAMERA, world_to_camera(camera)),
-            (Picture::INTRINSICS, intrinsics(camera, settings)),
-            (Picture::REGION, args.part.region.map(|region| region.to_string())),
+            (Picture::INTRINSICS, intrinsics(camera, &settings)),
+            (Picture::REGION, spec.part.region.map(|region| region.to_string())),
             (
                 Picture::WHOLE_SIZE,
-                args.part.region.map(|_| format!("{},{}", settings.width, settings.height)),
+                spec.part.region.map(|_| format!("{},{}", settings.width, settings.height)),
             ),
             (
                 "samples",
-                args.part.samples.as_ref().map(|samples| format!("{}..{}", samples.start, samples.end)),
+                spec.part.samples.as_ref().map(|samples| format!("{}..{}", samples.start, samples.end)),
             ),
         ];
         let optional = optional.into_iter().filter_map(|(name, text)| Some((name, text?)));

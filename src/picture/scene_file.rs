@@ -1,6 +1,5 @@
-//! Reads the scene that a command names.
+//! Reads the scene that a spec or a command names.
 
-use super::args::SceneArgs;
 use crate::film::MAX_RADIANCE;
 use crate::scene::load::{LoadError, LoadOptions, load_from, load_with};
 use crate::scene::{Environment, Scene};
@@ -9,14 +8,12 @@ use std::path::Path;
 /// The name of a scene that is read from standard input.
 const STANDARD_INPUT: &str = "-";
 
-/// Reads a scene and prints what the loader warns of, whether it succeeds or not. `-` is standard input, whose content
+/// Reads a scene and tells the log what the loader warns of, even if it fails. `-` is standard input, whose content
 /// tells the format.
-pub fn read(path: &Path, args: &SceneArgs) -> Result<Scene, LoadError> {
-    read_with(path, &args.options())
-}
-
-/// [`read`] with options of the loaders.
-pub fn read_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+///
+/// # Errors
+/// What is wrong with the scene.
+pub fn read(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     let loaded = if path == Path::new(STANDARD_INPUT) {
         load_from(std::io::stdin().lock(), "standard input".as_ref(), options)
     } else {
@@ -30,7 +27,7 @@ pub fn read_with(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError>
     loaded
 }
 
-/// Prints what a loader warns of.
+/// Tells the log what a loader warns of.
 pub fn tell(warnings: &[String]) {
     for warning in warnings {
         log::warn!("{warning}");

@@ -1,7 +1,7 @@
 //! Options that plug-ins declare, and their values.
 
 use std::collections::BTreeMap;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::str::FromStr;
 
 /// An option that a plug-in declares.
@@ -104,9 +104,21 @@ fn listed<'a>(names: impl Iterator<Item = &'a String>) -> String {
 /// `--set KEY=VALUE`, or `--set NAME.KEY=VALUE` for the integrator or the surface of this name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setting {
+    /// The integrator or the surface; `None` where the key says it.
     pub plugin: Option<String>,
+    /// The option.
     pub key: String,
+    /// Its value.
     pub value: String,
+}
+
+impl Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(plugin) = &self.plugin {
+            write!(f, "{plugin}.")?;
+        }
+        write!(f, "{}={}", self.key, self.value)
+    }
 }
 
 impl FromStr for Setting {

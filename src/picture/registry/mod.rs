@@ -1,13 +1,12 @@
-//! The integrators that the command line offers by name, and user surfaces for materials by name.
+//! Integrators by name, and user surfaces for materials by name.
 
 #[cfg(test)]
 mod tests;
 
-use super::Outcome;
-use super::args::Cli;
+use super::AnyIntegrator;
 use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
-use super::render::RenderRequest;
 use super::shaders::EXTENSION;
+use super::spec::RenderSpec;
 use crate::engine::PreparedScene;
 use crate::program::integrator::IntegratorShader;
 use crate::render::recursion::{Recursion, Shader};
@@ -16,13 +15,11 @@ use crate::render::{
     Settings, WgslShader, Whitted,
 };
 use crate::scene::{Camera, CodedSurface, Scene};
+use crate::schedule::Renderer;
 use anyhow::{Context, Result};
 use bytemuck::Pod;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Arg, Command, CommandFactory};
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::ffi::OsStr;
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
@@ -83,7 +80,8 @@ impl IntegratorParams {
 ///
 /// ```no_run
 /// use glam::Vec3;
-/// use raystream::cli::{Registry, run_with};
+/// use raystream::cli::run_with;
+/// use raystream::picture::Registry;
 /// use raystream::render::{RayHit, RayShader};
 ///
 /// /// White near by, black far away.
@@ -111,7 +109,8 @@ impl IntegratorParams {
 /// Your surfaces replace those of all materials with a given name, in any scene file:
 ///
 /// ```no_run
-/// use raystream::cli::{Registry, run_with};
+/// use raystream::cli::run_with;
+/// use raystream::picture::Registry;
 /// # use raystream::lanes::{Lanes, Vector};
 /// # use raystream::scene::{Finish, Points, Procedural};
 /// use raystream::scene::ProceduralSurface;
@@ -127,6 +126,7 @@ impl IntegratorParams {
 ///     run_with(Registry::built_in().with_surface("plinth", ProceduralSurface::new(Wood)))
 /// }
 /// ```
+#[derive(Clone)]
 pub struct Registry {
     integrators: Vec<IntegratorEntry>,
     surfaces: Vec<SurfaceEntry>,
@@ -134,20 +134,21 @@ pub struct Registry {
     shader: Option<String>,
 }
 
+#[derive(Clone)]
 struct IntegratorEntry {
     name: String,
     about: String,
     options: Vec<OptionSpec>,
-    run: Box<Run>,
+    make: Arc<MakeIntegrator>,
 }
 
-/// Constructs the integrator and runs the request with it.
-type Run = dyn Fn(IntegratorParams, RenderRequest<'_>) -> Result<Outcome> + Send + Sync;
+type MakeIntegrator = dyn Fn(IntegratorParams) -> Result<AnyIntegrator> + Send + Sync;
 
+#[derive(Clone)]
 struct SurfaceEntry {
     name: String,
     options: Vec<OptionSpec>,
-    make: Box<MakeSurface>,
+    make: Arc<MakeSurface>,
 }
 
 type MakeSurface = dyn Fn(&PluginOptions) -> Result<CodedSurface> + Send + Sync;
@@ -198,7 +199,7 @@ impl Registry {
     }
 
     /// Adds an integrator, or replaces the one of this name. `about` is its line in the help.
-    pub fn with<I: Integrator, E: Into<PluginError>>(
+    pub fn with<I: Integrator + Renderer, E: Into<PluginError>>(
         mut self,
         name: impl Into<String>,
         about: impl Into<String>,
@@ -206,11 +207,11 @@ impl Registry {
     ) -> Self {
         let name = name.into();
         self.integrators.retain(|entry| entry.name != name);
-        let run = Box::new(move |params: IntegratorParams, request: RenderRequest<'_>| {
-            let integrator = make(params).map_err(|error| anyhow::Error::from_boxed(error.into()))?;
-            request.run(integrator)
+        let make = Arc::new(move |params: IntegratorParams| match make(params) {
+            Ok(integrator) => Ok(AnyIntegrator::new(integrator)),
+            Err(error) => Err(anyhow::Error::from_boxed(error.into())),
         });
-        self.integrators.push(IntegratorEntry { name, about: about.into(), options: Vec::new(), run });
+        self.integrators.push(IntegratorEntry { name, about: about.into(), options: Vec::new(), make });
         self
     }
 
@@ -234,7 +235,7 @@ impl Registry {
         };
         let name = name.into();
         self.surfaces.retain(|entry| entry.name != name);
-        self.surfaces.push(SurfaceEntry { name, options: Vec::new(), make: Box::new(make) });
+        self.surfaces.push(SurfaceEntry { name, options: Vec::new(), make: Arc::new(make) });
         self
     }
 
@@ -260,22 +261,22 @@ impl Registry {
         self
     }
 
-    /// The command line with these integrators, as clap sees it: for shell completions, manuals and tests of documents.
-    pub fn command(&self) -> Command {
-        let about =
-            |entry: &IntegratorEntry| PossibleValue::new(entry.name.clone()).help(entry.about.clone());
-        let values: Vec<PossibleValue> = self.integrators.iter().map(about).collect();
-        let set = self.options_help();
-        let command = Cli::command().mut_subcommand("render", |render| {
-            render
-                .mut_arg("integrator", |arg| arg.value_parser(IntegratorName(values)))
-                .mut_arg("set", |arg| arg.long_help(set))
-        });
-        accept_negative_numbers(command)
+    /// The names of all integrators, each with its line in the help.
+    pub fn integrators(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.integrators.iter().map(|entry| (&*entry.name, &*entry.about))
     }
 
-    /// Whether there is anything besides the integrators of raystream itself.
-    pub(super) fn has_plugins(&self) -> bool {
+    /// The options of all integrators and surfaces: the name of the plug-in, the key, the default, the help.
+    pub fn plugin_options(&self) -> impl Iterator<Item = (&str, &str, &str, &str)> {
+        let each = |(name, options)| {
+            let options: &[OptionSpec] = options;
+            options.iter().map(move |option| (name, &*option.key, &*option.default, &*option.help))
+        };
+        self.plugins().flat_map(each)
+    }
+
+    /// True if there is anything besides the integrators of raystream itself.
+    pub fn has_plugins(&self) -> bool {
         let own = Self::built_in();
         let is_own = |name: &str| own.integrators.iter().any(|entry| entry.name == name);
         !self.surfaces.is_empty() || !self.integrators.iter().all(|entry| is_own(&entry.name))
@@ -285,20 +286,6 @@ impl Registry {
     fn plugins(&self) -> impl Iterator<Item = (&str, &[OptionSpec])> {
         let integrators = self.integrators.iter().map(|entry| (&*entry.name, &*entry.options));
         integrators.chain(self.surfaces.iter().map(|entry| (&*entry.name, &*entry.options)))
-    }
-
-    /// The help of `--set`, which lists all options.
-    fn options_help(&self) -> String {
-        let mut help =
-            "Set an option of the integrator or of a surface; NAME.KEY=VALUE says whose. Repeatable. \
-                        The options, with their defaults:"
-                .to_owned();
-        for (name, options) in self.plugins() {
-            for OptionSpec { key, default, help: about } in options {
-                help += &format!("\n  {name}.{key}={default}  {about}");
-            }
-        }
-        help
     }
 
     /// Splits settings into those of the integrator and of surfaces of the registry, and others.
@@ -421,7 +408,7 @@ impl Registry {
         scene: &Scene,
         settings: &[Setting],
     ) -> Result<PluginOptions> {
-        let entry = self.integrator(integrator)?;
+        let entry = self.integrator_entry(integrator)?;
         for key in scene.options.keys() {
             let has_key = |entry: &IntegratorEntry| entry.options.iter().any(|option| option.key == *key);
             if !self.integrators.iter().any(has_key) {
@@ -435,16 +422,20 @@ impl Registry {
         Ok(Self::options(integrator, &entry.options, &of_scene, settings)?)
     }
 
-    fn integrator(&self, name: &str) -> Result<&IntegratorEntry> {
+    fn integrator_entry(&self, name: &str) -> Result<&IntegratorEntry> {
         let entry = self.integrators.iter().find(|entry| entry.name == name);
-        entry.with_context(|| format!("there is no integrator {name:?}"))
+        entry.with_context(|| {
+            let names: Vec<&str> = self.integrators.iter().map(|entry| &*entry.name).collect();
+            format!("--integrator {name}: there is no integrator of that name; there are {} and files {EXTENSION}",
+                names.join(", "))
+        })
     }
 
-    /// Adds the integrator of a shader file, whose text this is. Its name is the file's.
+    /// Adds the integrator of a shader file, whose text this is, and returns its name, which is the file's.
     ///
     /// # Errors
     /// If the shader cannot be loaded.
-    pub(super) fn with_shader(mut self, file: &Path, text: String) -> Result<(Self, String)> {
+    fn with_shader(mut self, file: &Path, text: String) -> Result<(Self, String)> {
         let shown = file.display().to_string();
         let name = file.file_name().map_or(shown.clone(), |name| name.to_string_lossy().into_owned());
         // What does not depend on values of parameters is told before the scene is loaded.
@@ -461,53 +452,30 @@ impl Registry {
         Ok((with, name))
     }
 
+    /// The registry with the integrator that a spec names, which may be a file, and the integrator's name.
+    ///
+    /// # Errors
+    /// If there is no such integrator, or its shader cannot be loaded.
+    pub(super) fn with_integrator_of(&self, spec: &RenderSpec) -> Result<(Self, String)> {
+        let Some(file) = spec.integrator_file() else {
+            self.integrator_entry(&spec.integrator)?;
+            return Ok((self.clone(), spec.integrator.clone()));
+        };
+        self.clone().with_shader(file, super::shaders::read(file)?)
+    }
+
     /// What the pictures of an integrator in WGSL depend on, besides its options.
     pub(super) fn shader(&self) -> Option<&str> {
         self.shader.as_deref()
     }
 
-    /// Runs a request with the integrator of this name.
-    pub(super) fn run(
-        &self,
-        name: &str,
-        params: IntegratorParams,
-        request: RenderRequest<'_>,
-    ) -> Result<Outcome> {
-        (self.integrator(name)?.run)(params, request)
+    /// The integrator of a name.
+    pub(super) fn integrator(&self, name: &str, params: IntegratorParams) -> Result<AnyIntegrator> {
+        (self.integrator_entry(name)?.make)(params)
     }
 }
 
-/// Whether an option is meant for the plug-in of this name; shader files may be named without their extension.
+/// True if an option is meant for the plug-in of this name; shader files may be named without their extension.
 fn is_named(plugin: &str, name: &str) -> bool {
     plugin == name || name.strip_suffix(EXTENSION) == Some(plugin)
-}
-
-/// Parses `--integrator`: a name of the registry, or a shader file.
-#[derive(Clone)]
-struct IntegratorName(Vec<PossibleValue>);
-
-impl TypedValueParser for IntegratorName {
-    type Value = String;
-
-    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
-        match value.to_str() {
-            Some(file) if file.ends_with(EXTENSION) => Ok(file.to_owned()),
-            _ => PossibleValuesParser::new(self.0.clone()).parse_ref(command, arg, value),
-        }
-    }
-
-    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        let file = PossibleValue::new("FILE.wgsl").help("A shader in WGSL");
-        Some(Box::new(self.0.iter().cloned().chain([file])))
-    }
-}
-
-/// Lets every option take a negative number, so that its own parser says what is wrong with one. clap would take it for
-/// an unknown option.
-fn accept_negative_numbers(command: Command) -> Command {
-    let options = command.mut_args(|arg| match arg.get_action().takes_values() && !arg.is_positional() {
-        true => arg.allow_negative_numbers(true),
-        false => arg,
-    });
-    options.mut_subcommands(accept_negative_numbers)
 }

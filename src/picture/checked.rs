@@ -1,0 +1,148 @@
+//! A render spec that has been checked against a registry, and what it makes of a scene.
+
+use super::plugin_options::Setting;
+use super::shaders::{self, Shaders};
+use super::spec::RenderSpec;
+use super::{Frames, Registry, Rendering};
+use crate::engine::PreparedScene;
+use crate::film::Film;
+use crate::memory::MemoryBudget;
+use crate::render::{AovSet, PASSES_IN_FLIGHT};
+use crate::scene::Scene;
+use crate::scene::load::LoadOptions;
+use anyhow::{Context, Result, anyhow};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A render spec that has been checked against a registry: all that can be wrong in any scene is right.
+#[derive(Clone, Debug)]
+pub struct CheckedSpec {
+    spec: Arc<RenderSpec>,
+    /// With the integrator of the spec, even if that is a file.
+    registry: Arc<Registry>,
+    /// The integrator's name in the registry.
+    integrator: String,
+    /// Settings of the integrator and of surfaces of the registry.
+    own: Vec<Setting>,
+    /// Settings of shaders, which are known once the scene is.
+    foreign: Vec<Setting>,
+}
+
+impl CheckedSpec {
+    /// Checks a spec.
+    ///
+    /// # Errors
+    /// What is wrong with an option, whatever the scene is.
+    pub fn new(spec: RenderSpec, registry: &Registry) -> Result<Self> {
+        spec.check()?;
+        Frames::check(&spec)?;
+        let (registry, integrator) = registry.with_integrator_of(&spec)?;
+        let (own, foreign) = registry.split_settings(&integrator, &spec.set)?;
+        if spec.surface.is_empty() && !may_name_shaders(spec.scene.as_deref()) {
+            registry.check_settings(&integrator, &foreign)?;
+        }
+        spec.sampling.check(&integrator, &spec.look)?;
+        spec.aovs().check_samples(spec.stop.samples())?;
+        Ok(Self { spec: spec.into(), registry: registry.into(), integrator, own, foreign })
+    }
+
+    /// The spec.
+    pub fn spec(&self) -> &RenderSpec {
+        &self.spec
+    }
+
+    /// The integrator's name.
+    pub(super) fn integrator(&self) -> &str {
+        &self.integrator
+    }
+
+    pub(super) fn shared_spec(&self) -> &Arc<RenderSpec> {
+        &self.spec
+    }
+
+    pub(super) fn registry(&self) -> &Arc<Registry> {
+        &self.registry
+    }
+
+    pub(super) fn own(&self) -> &[Setting] {
+        &self.own
+    }
+
+    /// Checks that the memory of so many pictures at a time can be had.
+    ///
+    /// # Errors
+    /// How much they need, and how much there is.
+    pub fn afford(&self, memory: &MemoryBudget, pictures: u64) -> Result<()> {
+        let (width, height) = self.spec.size;
+        afford(memory, format!("a picture of {width}x{height} pixels"), pictures * self.picture_bytes())
+    }
+
+    /// Bytes that a picture takes until it is written.
+    pub fn picture_bytes(&self) -> u64 {
+        let (width, height) = self.spec.size;
+        picture_bytes(width, height, &self.spec.aovs(), self.spec.stop.samples())
+    }
+
+    /// Changes a loaded scene as the spec asks: surfaces, then the environment. Returns the scene's shaders.
+    ///
+    /// # Errors
+    /// What the options and the scene have against each other.
+    pub fn change(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
+        let file = self.spec.scene.as_deref().unwrap_or(Path::new(""));
+        let (found, unknown) = shaders::apply(scene, file, &self.spec.surface, &self.foreign)?;
+        self.registry.check_settings(&self.integrator, &unknown)?;
+        for warning in self.registry.apply_surfaces(scene, &self.own)? {
+            log::warn!("{warning}");
+        }
+        self.spec.light.apply_environment(scene, options)?;
+        Ok(found)
+    }
+
+    /// Checks the frames of the spec against a scene.
+    ///
+    /// # Errors
+    /// What the options and the scene have against each other.
+    pub fn check_frames(&self, scene: &Scene) -> Result<()> {
+        Frames::new(&self.spec, scene).map(drop)
+    }
+
+    /// The frames of the spec, of a scene that has been changed and prepared.
+    ///
+    /// # Errors
+    /// What the options and the scene have against each other.
+    pub fn rendering(&self, prepared: PreparedScene) -> Result<Rendering> {
+        Rendering::new(self, prepared)
+    }
+
+    /// The scene file.
+    ///
+    /// # Errors
+    /// If the spec names none.
+    pub fn scene_file(&self) -> Result<&Path> {
+        self.spec.scene.as_deref().context("no scene is named; name its file")
+    }
+}
+
+/// Checks that a number of bytes can be had. `what` begins the message.
+///
+/// # Errors
+/// How much is needed, and how much there is.
+pub fn afford(memory: &MemoryBudget, what: String, bytes: u64) -> Result<()> {
+    let checked = memory.check(what, bytes);
+    checked.map_err(|error| anyhow!("{error}; make it smaller, or raise the limit (--memory)"))
+}
+
+/// True if scenes of this format name shaders.
+fn may_name_shaders(scene: Option<&Path>) -> bool {
+    let extension = scene.and_then(Path::extension).map(|extension| extension.to_ascii_lowercase());
+    extension.is_none_or(|extension| ["json", "gltf", "glb"].iter().any(|format| extension == *format))
+}
+
+/// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
+/// sum, noise, the layers, and the encoded file.
+fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
+    let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
+    let pixels = u64::from(width) * u64::from(height);
+    let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, samples));
+    films.saturating_mul(film).saturating_add((24 + 32 * aovs.iter().count() as u64) * pixels)
+}

@@ -1,0 +1,162 @@
+//! A spec with its prepared scene, ready to render any of its frames.
+
+use super::plugin_options::PluginOptions;
+use super::registry::IntegratorParams;
+use super::spec::RenderSpec;
+use super::{AnyIntegrator, CheckedSpec, Frames};
+use crate::engine::PreparedScene;
+use crate::film::Picture;
+use crate::lanes::SimdLevel;
+use crate::render::{Integrator, PassOptions, Progressive};
+use crate::scene::Camera;
+use crate::schedule::{JobHandle, JobOptions, LimitsError, Policy, Service};
+use anyhow::{Context, Result, ensure};
+use std::sync::Arc;
+
+/// A spec with its prepared scene, ready to render any of its frames.
+#[derive(Clone, Debug)]
+pub struct Rendering {
+    checked: CheckedSpec,
+    prepared: PreparedScene,
+    frames: Arc<Frames>,
+    /// The options of the integrator, each with its value.
+    options: PluginOptions,
+    simd: SimdLevel,
+    policy: Option<Policy>,
+}
+
+impl Rendering {
+    pub(super) fn new(checked: &CheckedSpec, prepared: PreparedScene) -> Result<Self> {
+        let frames = Frames::new(checked.spec(), &prepared.scene)?.into();
+        let registry = checked.registry();
+        let options = registry.integrator_options(checked.integrator(), &prepared.scene, checked.own())?;
+        let simd = prepared.simd();
+        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None })
+    }
+
+    /// The same with a policy of the scheduler. No picture depends on it.
+    pub fn with_policy(self, policy: Option<Policy>) -> Self {
+        Self { policy, ..self }
+    }
+
+    /// The spec.
+    pub fn spec(&self) -> &RenderSpec {
+        self.checked.spec()
+    }
+
+    /// The spec, shared.
+    pub fn shared_spec(&self) -> &Arc<RenderSpec> {
+        self.checked.shared_spec()
+    }
+
+    /// The scene.
+    pub fn prepared(&self) -> &PreparedScene {
+        &self.prepared
+    }
+
+    /// The pictures and their cameras.
+    pub fn frames(&self) -> &Frames {
+        &self.frames
+    }
+
+    /// The options of the integrator.
+    pub fn options(&self) -> &PluginOptions {
+        &self.options
+    }
+
+    /// The integrator's name.
+    pub fn integrator_name(&self) -> &str {
+        self.checked.integrator()
+    }
+
+    /// What the pictures of an integrator in WGSL depend on, besides its options.
+    pub(super) fn shader(&self) -> Option<&str> {
+        self.checked.registry().shader()
+    }
+
+    /// The SIMD level at which hits are shaded.
+    pub fn simd(&self) -> SimdLevel {
+        self.simd
+    }
+
+    /// The policy of the scheduler.
+    pub fn policy(&self) -> Option<Policy> {
+        self.policy
+    }
+
+    /// The camera of a frame.
+    ///
+    /// # Errors
+    /// If there is no such frame, or the options have something against its camera.
+    pub fn camera(&self, frame: u32) -> Result<Camera> {
+        self.frames.camera(self.spec(), frame)
+    }
+
+    /// The integrator of the frames, seen by a camera, with the layers and the part that the spec names.
+    ///
+    /// # Errors
+    /// If a setting is out of range or the camera is invalid.
+    pub fn integrator(&self, camera: &Camera) -> Result<AnyIntegrator> {
+        let spec = self.spec();
+        let params = IntegratorParams {
+            scene: Arc::clone(&self.prepared.scene),
+            camera: *camera,
+            settings: spec.settings(),
+            roulette_bounces: spec.roulette_bounces(),
+            indirect_limit: spec.indirect_limit(),
+            options: self.options.clone(),
+            prepared: self.prepared.clone(),
+        };
+        let integrator = self.checked.registry().integrator(self.integrator_name(), params)?;
+        let integrator = integrator.with_simd(self.simd).with_aovs(&spec.aovs())?;
+        Ok(match spec.part.part(integrator.frame().settings()) {
+            Some(part) => integrator.with_part(part)?,
+            None => integrator,
+        })
+    }
+
+    /// Submits an integrator of this rendering as a job.
+    ///
+    /// # Errors
+    /// If sizes do not fit each other.
+    pub fn submit(
+        &self,
+        service: &Service,
+        integrator: &AnyIntegrator,
+        options: JobOptions,
+    ) -> Result<JobHandle, LimitsError> {
+        integrator.submit(&self.prepared, service, JobOptions { policy: self.policy, ..options })
+    }
+
+    /// Renders a frame and waits for it.
+    ///
+    /// # Errors
+    /// If there is no such frame, the spec has a time to end at, or the scheduler refuses the job or fails.
+    pub fn render(&self, service: &Service, frame: u32) -> Result<Picture> {
+        ensure!(
+            self.spec().stop.seconds.is_none(),
+            "seconds: a picture of a time is no function of its spec"
+        );
+        let camera = self.camera(frame)?;
+        let options = PassOptions { noise: self.spec().stop.noise, pass_time: None };
+        let mut progressive = Progressive::new(self.integrator(&camera)?, options);
+        loop {
+            progressive.begin(|pass| self.submit(service, pass, JobOptions::default()))?;
+            if progressive.finish_pass().context("the frame failed")?.is_none() {
+                return Ok(self.developed(&progressive, &camera));
+            }
+        }
+    }
+
+    /// The picture of a frame so far, with facts about it.
+    pub fn developed(&self, frame: &Progressive<AnyIntegrator>, camera: &Camera) -> Picture {
+        let mut picture = frame.develop();
+        picture.metadata = self.facts(&picture.image, camera, mean_samples(frame));
+        picture
+    }
+}
+
+/// Mean number of samples of the pixels that are rendered.
+pub fn mean_samples(frame: &Progressive<AnyIntegrator>) -> f64 {
+    frame.picture().samples() as f64 / frame.integrator().frame().part().region.area() as f64
+}

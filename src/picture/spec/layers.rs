@@ -1,0 +1,24 @@
+//! Layers of pictures.
+
+use super::form;
+use super::option::spec_group;
+use crate::render::AovSet;
+
+spec_group! {
+    /// Layers besides the picture.
+    pub struct LayerSpec {
+        /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position, albedo,
+        /// uv, emission, object, material, instance, primitive, samples, variance, crypto-object, crypto-material,
+        /// crypto-asset.
+        maybe "aov" aov: form::Own<AovSet>, "LIST";
+        /// Leave the environment out where the camera sees it directly, and write alpha.
+        flag "transparent" transparent;
+    }
+}
+
+impl LayerSpec {
+    /// All layers that are asked for.
+    pub fn aovs(&self) -> AovSet {
+        self.aov.clone().unwrap_or_default().with_transparent(self.transparent)
+    }
+}

@@ -1,0 +1,27 @@
+//! How a scene is read.
+
+use super::form;
+use super::option::spec_group;
+use crate::memory::MemoryBudget;
+use crate::scene::load::LoadOptions;
+
+spec_group! {
+    /// How a scene is read.
+    pub struct LoadingSpec {
+        /// Show a magenta checker in place of textures that are missing or broken.
+        flag "allow-missing" allow_missing;
+        /// Show the glTF file's material variant of this name (KHR_materials_variants); `mesh` lists them.
+        maybe "variant" variant: form::Text, "NAME";
+    }
+}
+
+impl LoadingSpec {
+    /// Options of the loaders, within a budget of memory.
+    pub fn options(&self, memory: &MemoryBudget) -> LoadOptions {
+        let options = LoadOptions::default().with_memory(*memory).with_allow_missing(self.allow_missing);
+        match &self.variant {
+            None => options,
+            Some(variant) => options.with_variant(variant),
+        }
+    }
+}

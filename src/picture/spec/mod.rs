@@ -1,0 +1,330 @@
+//! A picture as data: what is rendered and how, without anything that belongs to one machine.
+//!
+//! A [`RenderSpec`] has the same keys everywhere: the long options of `raystream render`, an options file, a job over
+//! HTTP, a unit on its way to a worker. Each key is declared once, where its group is.
+
+mod camera;
+mod encoding;
+mod file;
+pub mod form;
+mod frames;
+mod layers;
+mod light;
+mod loading;
+mod look;
+mod optics;
+mod option;
+mod part;
+mod sampling;
+mod scene_spec;
+mod stop;
+#[cfg(test)]
+mod tests;
+
+pub use camera::CameraSpec;
+pub use encoding::EncodingSpec;
+pub use file::{FileEntry, Place, file_entries};
+pub use frames::FramesSpec;
+pub use layers::LayerSpec;
+pub use light::LightSpec;
+pub use loading::LoadingSpec;
+pub use look::LookSpec;
+pub use optics::OpticsSpec;
+pub use option::{SpecGroup, SpecOption};
+pub use part::PartSpec;
+pub use sampling::SamplingSpec;
+pub use scene_spec::SceneSpec;
+pub use stop::StopSpec;
+
+use super::plugin_options::Setting;
+use super::shaders::{EXTENSION, ShaderSurface};
+use crate::render::{Aov, AovSet, ROULETTE_BOUNCES, Settings};
+use option::spec_group;
+use serde::de::{Error, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+spec_group! {
+    /// A picture, or the frames of an animation, as data.
+    ///
+    /// ```
+    /// use raystream::picture::RenderSpec;
+    ///
+    /// let spec: RenderSpec = serde_json::from_str(r#"{ "scene": "a.glb", "size": [64, 36], "eye": "0,1,5" }"#)?;
+    /// assert_eq!((spec.size, spec.stop.samples()), ((64, 36), 64));
+    /// assert_eq!(serde_json::to_string(&spec)?, r#"{"scene":"a.glb","size":"64x36","eye":[0.0,1.0,5.0]}"#);
+    /// let error = serde_json::from_str::<RenderSpec>(r#"{ "size": "64" }"#).unwrap_err().to_string();
+    /// assert!(error.starts_with("size: write WIDTHxHEIGHT, as in 960x540 at line 1"), "{error}");
+    /// # Ok::<(), serde_json::Error>(())
+    /// ```
+    pub struct RenderSpec {
+        /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe.
+        maybe "scene" scene: form::File, "FILE";
+        /// Integrator.
+        one "integrator" integrator: form::Text = "path".to_owned(), "NAME";
+        /// Set an option of the integrator or of a surface (repeatable; `--help` lists them).
+        list "set" set: form::Own<Setting>, "KEY=VALUE";
+        /// Give the materials of a name a surface of a shader, with values of its parameters:
+        /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
+        list "surface" surface: form::Own<ShaderSurface>, "MATERIAL=FILE.wgsl";
+        /// Picture size in pixels.
+        one "size" size: form::Size = (960, 540), "WxH";
+        /// Maximum number of bounces; 0 = emission and direct light at the first hit.
+        one "max-bounces" max_bounces: form::Count<0, 1000> = 8, "N";
+        /// Seed of all random numbers.
+        one "seed" seed: form::Seed = 0, "N";
+        /// Follow every path to its last bounce: no Russian roulette.
+        flag "no-russian-roulette" no_russian_roulette;
+    }
+    groups {
+        /// When the picture is finished.
+        stop: StopSpec,
+        /// Which part of it is rendered.
+        part: PartSpec,
+        /// How the light of a pixel is sampled.
+        sampling: SamplingSpec,
+        /// The camera.
+        camera: CameraSpec,
+        /// Its projection and lens.
+        optics: OpticsSpec,
+        /// An animation.
+        animation: FramesSpec,
+        /// Light besides the scene's own.
+        light: LightSpec,
+        /// Layers besides the picture.
+        layers: LayerSpec,
+        /// How a .png shows the picture.
+        look: LookSpec,
+        /// How pictures are encoded.
+        encoding: EncodingSpec,
+        /// How the scene is read.
+        loading: LoadingSpec,
+    }
+}
+
+/// Why a render spec is refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct SpecError(String);
+
+/// Options of which only one may be given: the first with any of the others.
+const EXCLUSIVE: &[(&str, &[&str])] = &[
+    ("region", &["noise"]),
+    ("samples", &["noise", "seconds"]),
+    ("views", &["eye", "target", "up", "world-to-camera", "frames", "orthographic", "panorama"]),
+    ("orthographic", &["fov"]),
+    ("panorama", &["fov", "orthographic"]),
+    ("K", &["fov", "orthographic", "panorama"]),
+    ("fisheye", &["distortion"]),
+    ("world-to-camera", &["eye", "target", "up"]),
+    ("shift", &["K", "panorama"]),
+    ("f-stop", &["aperture-radius"]),
+    ("camera-path", &["eye", "target", "up", "fov", "turntable"]),
+    ("fps", &["turntable", "camera-path"]),
+];
+
+/// Options that mean nothing without another.
+const DEPENDENT: &[(&str, &str)] = &[
+    ("distortion", "K"),
+    ("fisheye", "K"),
+    ("turntable", "frames"),
+    ("camera-path", "frames"),
+    ("fps", "frames"),
+];
+
+impl RenderSpec {
+    /// Sets the option of a name.
+    ///
+    /// # Errors
+    /// If there is none of this name, or it takes no such value.
+    pub fn set(&mut self, name: &str, value: &Value) -> Result<(), SpecError> {
+        match SpecGroup::set(self, name, value) {
+            Some(Ok(())) => Ok(()),
+            Some(Err(why)) => Err(SpecError(format!("{name}: {why}"))),
+            None => Err(SpecError(unknown(name))),
+        }
+    }
+
+    /// Makes a spec of keys and values.
+    ///
+    /// # Errors
+    /// If a key is no option, or an option takes no such value.
+    pub fn of(values: &Map<String, Value>) -> Result<Self, SpecError> {
+        let mut spec = Self::default();
+        values.iter().try_for_each(|(name, value)| spec.set(name, value))?;
+        Ok(spec)
+    }
+
+    /// Returns the values of all options as JSON, defaults written out: the text is equal where the pictures are.
+    pub fn canonical(&self) -> Value {
+        Value::Object(self.entries(true).into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
+    }
+
+    /// The JSON schema of specs.
+    pub fn schema() -> Value {
+        let property = |option: SpecOption| {
+            let mut schema = (option.schema)();
+            schema["description"] = option.help.into();
+            (option.name.to_owned(), schema)
+        };
+        let properties: Map<String, Value> = Self::options().into_iter().map(property).collect();
+        json!({ "type": "object", "additionalProperties": false, "properties": properties })
+    }
+
+    /// Refuses options that exclude each other, or that mean nothing without others.
+    ///
+    /// # Errors
+    /// Which two options they are.
+    pub fn check(&self) -> Result<(), SpecError> {
+        let given: Vec<&str> = self.entries(false).into_iter().map(|(name, _)| name).collect();
+        let is_given = |name: &str| given.contains(&name);
+        for (option, others) in EXCLUSIVE.iter().filter(|(option, _)| is_given(option)) {
+            if let Some(other) = others.iter().find(|other| is_given(other)) {
+                return Err(SpecError(format!(
+                    "--{option} cannot be used with --{other}; leave one of them out"
+                )));
+            }
+        }
+        for (option, needed) in DEPENDENT.iter().filter(|(option, _)| is_given(option)) {
+            if !is_given(needed) {
+                return Err(SpecError(format!(
+                    "--{option} is used with --{needed}; add it, or leave --{option} out"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// All layers that are asked for. Views have alpha and the distance along the view axis.
+    pub fn aovs(&self) -> AovSet {
+        let asked = self.layers.aovs();
+        if self.optics.views.is_some() { asked.with(Aov::Z).with_transparent(true) } else { asked }
+    }
+
+    /// Size, samples, bounces, seed, filter.
+    pub fn settings(&self) -> Settings {
+        Settings::new(self.size.0, self.size.1)
+            .with_spp(self.stop.samples())
+            .with_max_bounces(self.max_bounces)
+            .with_seed(self.seed)
+            .with_filter(self.sampling.filter)
+            .with_early_end(self.stop.may_end_early())
+    }
+
+    /// Bounces after which Russian roulette may end a path.
+    pub fn roulette_bounces(&self) -> Option<u32> {
+        (!self.no_russian_roulette).then_some(ROULETTE_BOUNCES)
+    }
+
+    /// The radiance to which contributions of indirect light are clamped.
+    pub fn indirect_limit(&self) -> Option<f32> {
+        self.sampling.indirect_limit(&self.look)
+    }
+
+    /// True if several pictures are rendered: frames of an animation, or one for each of several cameras.
+    pub fn has_several(&self) -> bool {
+        self.animation.frames.is_some() || self.optics.has_several()
+    }
+
+    /// The file of an integrator in WGSL, if the integrator is one.
+    pub fn integrator_file(&self) -> Option<&Path> {
+        self.integrator.ends_with(EXTENSION).then_some(Path::new(&self.integrator))
+    }
+
+    /// Replaces the paths of all files that options name, the scene's last. `path` is given the option and the file.
+    ///
+    /// # Errors
+    /// Those of `path`, and paths that are not UTF-8 where an option is a text.
+    pub fn map_files<E: From<SpecError>>(
+        &mut self,
+        mut path: impl FnMut(&'static str, &Path) -> Result<PathBuf, E>,
+    ) -> Result<(), E> {
+        let text = |path: PathBuf| {
+            let refused = |path: std::ffi::OsString| SpecError(format!("{}: not UTF-8", path.display()));
+            path.into_os_string().into_string().map_err(refused)
+        };
+        if let Some(file) = self.integrator_file() {
+            self.integrator = text(path("integrator", file)?)?;
+        }
+        if let Some(file) = self.light.env_file() {
+            self.light.env = Some(text(path("env", file)?)?);
+        }
+        if let Some(file) = &self.animation.camera_path {
+            self.animation.camera_path = Some(path("camera-path", file)?);
+        }
+        if let Some(file) = self.optics.views_file() {
+            self.optics.views = Some(text(path("views", file)?)?);
+        }
+        if let Some(file) = self.optics.world_to_camera_file() {
+            self.optics.world_to_camera = Some(text(path("world-to-camera", file)?)?);
+        }
+        for surface in &mut self.surface {
+            surface.file = path("surface", &surface.file)?;
+        }
+        if let Some(scene) = &self.scene {
+            self.scene = Some(path("scene", scene)?);
+        }
+        Ok(())
+    }
+
+    /// The same with relative paths of files in a folder.
+    ///
+    /// # Errors
+    /// If a path is not UTF-8.
+    pub fn within(mut self, folder: &Path) -> Result<Self, SpecError> {
+        self.map_files(|_, file| Ok::<_, SpecError>(folder.join(file)))?;
+        Ok(self)
+    }
+
+    /// All files that options name, with the options.
+    pub fn files(&self) -> Vec<(&'static str, PathBuf)> {
+        let mut files = Vec::new();
+        // Nothing fails: every path is the text that it was.
+        let _ = self.clone().map_files(|option, file| {
+            files.push((option, file.to_owned()));
+            Ok::<_, SpecError>(file.to_owned())
+        });
+        files
+    }
+}
+
+/// What is said of a key that is no option.
+fn unknown(name: &str) -> String {
+    let names: Vec<&str> = RenderSpec::options().iter().map(|option| option.name).collect();
+    format!("{name:?} is no option of a picture; it may have {}", names.join(", "))
+}
+
+impl Serialize for RenderSpec {
+    /// Writes the options that differ from their defaults.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.entries(false))
+    }
+}
+
+impl<'de> Deserialize<'de> for RenderSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Options;
+        impl<'de> Visitor<'de> for Options {
+            type Value = RenderSpec;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object whose keys are options of a picture")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<RenderSpec, A::Error> {
+                let (mut spec, mut seen) = (RenderSpec::default(), Vec::new());
+                while let Some(name) = map.next_key::<String>()? {
+                    if seen.contains(&name) {
+                        return Err(A::Error::custom(format!("{name}: given twice")));
+                    }
+                    spec.set(&name, &map.next_value()?).map_err(A::Error::custom)?;
+                    seen.push(name);
+                }
+                Ok(spec)
+            }
+        }
+        deserializer.deserialize_map(Options)
+    }
+}
