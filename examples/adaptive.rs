@@ -5,7 +5,8 @@
 //! `cargo run --release --example adaptive -- render scenes/showcase.json --integrator adaptive --spp 4`
 
 use glam::Vec3;
-use raystream::cli::{Registry, run_with};
+use raystream::cli::run_with;
+use raystream::picture::Registry;
 use raystream::render::recursion::{Cx, Recursion, Shader};
 use raystream::shade::bsdf::Smoothness;
 use raystream::shade::single::{Bsdf, Interaction, LightSample};

@@ -2,8 +2,9 @@
 //! `cargo run --release --example fog -- render scenes/showcase.json --integrator fog --set density=0.1 --spp 16`
 
 use glam::Vec3;
-use raystream::cli::{Registry, run_with};
+use raystream::cli::run_with;
 use raystream::lanes::exponential::exp;
+use raystream::picture::Registry;
 use raystream::render::{RayHit, RayShader};
 use std::process::ExitCode;
 

@@ -5,7 +5,8 @@
 //! `cargo run --release --example panes -- render scenes/showcase.json --integrator panes --env 1,1,1 --max-bounces 6`
 
 use bytemuck::{Pod, Zeroable};
-use raystream::cli::{Registry, run_with};
+use raystream::cli::run_with;
+use raystream::picture::Registry;
 use raystream::render::{Frame, HitShader};
 use raystream::schedule::{Batch, Output};
 use raystream::shade::loop_stack::{EMPTY, LoopStack};

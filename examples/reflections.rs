@@ -4,7 +4,8 @@
 //! `cargo run --release --example reflections -- render scenes/showcase.json --integrator reflections --spp 4`
 
 use glam::Vec3;
-use raystream::cli::{Registry, run_with};
+use raystream::cli::run_with;
+use raystream::picture::Registry;
 use raystream::render::recursion::{Cx, Shader};
 use raystream::scene::Camera;
 use raystream::stream::{Hit, Ray};

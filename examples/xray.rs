@@ -3,8 +3,9 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use raystream::cli::{Registry, run_with};
+use raystream::cli::run_with;
 use raystream::lanes::exponential::exp;
+use raystream::picture::Registry;
 use raystream::render::{RayHit, RayShader};
 use std::process::ExitCode;
 

@@ -90,7 +90,7 @@ class Service:
 
     def render(self, scene, **options):
         """A job from its request to its end: its state and its picture's hash."""
-        job = self.ask("POST", "/api/v1/jobs", {"scene": scene, "options": options})["id"]
+        job = self.ask("POST", "/api/v1/jobs", {"scene": scene, **options})["id"]
         while (state := self.ask("GET", f"/api/v1/jobs/{job}"))["state"] in ("queued", "running"):
             time.sleep(0.1)
         if state["state"] != "done":

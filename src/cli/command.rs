@@ -62,3 +62,28 @@ fn accept_negative_numbers(command: Command) -> Command {
     });
     options.mut_subcommands(accept_negative_numbers)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::AmbientOcclusion;
+
+    #[test]
+    fn the_help_lists_what_is_registered_and_unknown_names_are_refused_with_the_list() {
+        let registry = Registry::built_in()
+            .with("mine", "An integrator of mine", |params| {
+                AmbientOcclusion::new(params.scene, &params.camera, params.settings, 1.0)
+            })
+            .with_option("mine", "rings", "7", "Rings per unit of length");
+        let command = || command(&registry);
+        command().debug_assert();
+        let help = command().try_get_matches_from(["raystream", "help", "render"]).unwrap_err().to_string();
+        assert!(help.contains("mine") && help.contains("An integrator of mine"), "{help}");
+        assert!(help.contains("ambient-occlusion.reach=auto") && help.contains("mine.rings=7"), "{help}");
+        let render =
+            |name| command().try_get_matches_from(["raystream", "render", "a.obj", "--integrator", name]);
+        assert!(render("mine").is_ok() && render("whitted").is_ok());
+        let refusal = render("theirs").unwrap_err().to_string();
+        assert!(refusal.contains("path, whitted, recursive-whitted, ambient-occlusion, mine"), "{refusal}");
+    }
+}

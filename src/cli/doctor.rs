@@ -1,8 +1,8 @@
 //! `raystream doctor`.
 
 use super::Outcome;
-use super::Registry;
 use super::args::DoctorArgs;
+use crate::picture::Registry;
 use anyhow::{Context, Result, ensure};
 use object::{Architecture, Object, ObjectSection, ObjectSymbol, SectionKind, SymbolKind};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

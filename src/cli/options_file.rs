@@ -151,58 +151,61 @@ fn tokens(option: &Arg, key: &str, value: &Value) -> Result<Vec<OsString>, Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::Registry;
+    use crate::cli::args::{Cli, Command as Commands};
+    use crate::cli::command;
+    use crate::picture::Registry;
+    use clap::FromArgMatches;
 
-    fn expanded(name: &str, text: &str, arguments: &[&str]) -> Result<Vec<String>, String> {
+    fn expanded(name: &str, text: &str, arguments: &[&str]) -> Result<Arguments, String> {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join(name);
         std::fs::write(&path, text).expect("file");
         let path = path.to_str().expect("UTF-8");
-        let all =
-            ["raystream", "render", "a.obj", "--options", path].into_iter().chain(arguments.iter().copied());
-        let expanded = expand(&Registry::built_in().command(), all.map(OsString::from).collect());
-        let strings = expanded?.all.into_iter().map(|argument| argument.into_string().expect("UTF-8"));
-        Ok(strings.filter(|argument| argument.starts_with("--") && argument != "--options").collect())
+        let all = ["raystream", "render", "--options", path].into_iter().chain(arguments.iter().copied());
+        expand(&command(&Registry::built_in()), all.map(OsString::from).collect())
     }
 
     #[test]
-    fn keys_become_options_unless_the_command_line_has_them() {
+    fn keys_become_a_spec_and_arguments_unless_the_command_line_has_them() {
         let toml = "spp = 12\nnoise = 0.25\neye = [1, -2.5, 3]\nresume = true\nstrict = false\n\
-                    set = [\"a=1\", \"b=2\"]\noutput = 'x.png'\n";
-        let all = [
-            "--spp=12",
-            "--noise=0.25",
-            "--eye=1,-2.5,3",
-            "--resume",
-            "--set=a=1",
-            "--set=b=2",
-            "--output=x.png",
-        ];
-        let mut found = expanded("a.toml", toml, &[]).expect("valid");
-        found.sort();
-        let mut expected = all.map(str::to_owned).to_vec();
-        expected.sort();
-        assert_eq!(found, expected);
-        let found =
-            expanded("a.toml", toml, &["--spp", "4", "--eye=0,0,0", "-oy.png", "--resume"]).expect("valid");
-        for gone in ["--spp=12", "--eye=1,-2.5,3", "--output=x.png"] {
-            assert!(!found.iter().any(|argument| argument == gone), "{gone}: {found:?}");
-        }
-        assert_eq!(expanded("a.json", r#"{ "size": "8x4" }"#, &[]), Ok(vec!["--size=8x4".to_owned()]));
+                    set = [\"a=1\", \"b=2\"]\noutput = 'x.png'\nscene = 'a.obj'\n";
+        let all = expanded("a.toml", toml, &[]).expect("valid");
+        let spec = &all.spec;
+        assert_eq!((spec.stop.spp, spec.stop.noise), (Some(12), Some(0.25)));
+        assert_eq!(spec.camera.eye, Some(glam::Vec3::new(1.0, -2.5, 3.0)));
+        assert_eq!(spec.set.iter().map(ToString::to_string).collect::<Vec<_>>(), ["a=1", "b=2"]);
+        assert!(spec.scene.as_ref().is_some_and(|scene| scene.is_absolute()), "beside the file: {spec:?}");
+        let has = |all: &Arguments, argument: &str| all.all.iter().any(|own| own == argument);
+        assert!(has(&all, "--resume") && has(&all, "--output=x.png") && !has(&all, "--strict"));
+        let given = expanded("a.toml", toml, &["-oy.png", "--resume"]).expect("valid");
+        assert!(!has(&given, "--output=x.png"), "{given:?}");
     }
 
     #[test]
-    fn errors_have_lines() {
+    fn arguments_win_over_the_file() {
+        let all = expanded("a.json", r#"{ "size": [8, 4], "spp": 3, "scene": "a.obj" }"#, &["--spp", "4"]);
+        let all = all.expect("valid");
+        let matches = command(&Registry::built_in()).try_get_matches_from(&all.all).expect("arguments");
+        let Commands::Render(mut render) = Cli::from_arg_matches(&matches).expect("arguments").command else {
+            panic!("render")
+        };
+        render.complete(all.spec);
+        assert_eq!((render.spec.size, render.spec.stop.samples()), ((8, 4), 4));
+        assert!(render.spec.scene.as_ref().is_some_and(|scene| scene.ends_with("a.obj")));
+    }
+
+    #[test]
+    fn errors_have_places() {
         for (name, text, says) in [
-            ("a.toml", "seed = 1\nsppp = 12\n", "a.toml:2: \"sppp\" is no option of `raystream render`"),
-            ("a.toml", "seed = 1\n\nspp = true\n", "a.toml:3: spp takes a number or a text"),
-            ("a.toml", "seed = 1\nresume = 'yes'\n", "a.toml:2: resume is true or false, not \"yes\""),
-            ("a.toml", "seed = 1\nspp = \n", "a.toml:2: not TOML"),
+            ("a.toml", "seed = 1\nsppp = 12\n", "a.toml:2:1: \"sppp\" is no option of `raystream render`"),
+            ("a.toml", "seed = 1\n\nspp = true\n", "a.toml:3:1: spp: takes a number or a text"),
+            ("a.toml", "seed = 1\nresume = 'yes'\n", "a.toml:2:1: resume is true or false, not \"yes\""),
+            ("a.toml", "seed = 1\nspp = \n", "a.toml:2:7: not TOML"),
             ("a.toml", "[render]\nspp = 1\n", "\"render\" is no option"),
-            ("a.json", "{\n\"seed\": 1,\n\"options\": \"b.toml\" }", "a.json:3: \"options\" is no option"),
-            ("a.json", "{\n\"seed\": 1,\n\"spp\": null }", "a.json:3: spp takes"),
-            ("a.json", "{\n\"seed\": 1,\n}", "a.json:3: not JSON"),
-            ("a.json", "[1]", "a.json:1: write an object"),
+            ("a.json", "{\n\"seed\": 1,\n\"options\": \"b.toml\" }", "a.json:3:2: \"options\" is no option"),
+            ("a.json", "{\n\"seed\": 1,\n  \"spp\": null }", "a.json:3:4: spp: takes"),
+            ("a.json", "{\n\"seed\": 1,\n}", "a.json:3:1: not JSON"),
+            ("a.json", "[1]", "a.json:1:1: write an object"),
             ("a.yaml", "spp: 1", "must end in .toml or .json"),
         ] {
             let error = expanded(name, text, &[]).expect_err(text);
@@ -212,13 +215,10 @@ mod tests {
 
     #[test]
     fn values_that_an_option_refuses_are_found_in_the_file() {
-        let folder = tempfile::tempdir().expect("folder");
-        let path = folder.path().join("a.toml");
-        std::fs::write(&path, "seed = 1\nspp = 'many'\n").expect("file");
-        let command = Registry::built_in().command();
-        let all = ["raystream", "render", "a.obj", "--options", path.to_str().expect("UTF-8")];
-        let arguments = expand(&command, all.map(OsString::from).to_vec()).expect("known options");
-        let error = command.try_get_matches_from(&arguments.all).expect_err("no number");
-        assert!(arguments.place_of(&error).is_some_and(|place| place.ends_with("a.toml:2")), "{error}");
+        let error = expanded("a.toml", "seed = 1\nspp = 'many'\n", &[]).expect_err("no number");
+        assert!(error.contains("a.toml:2:1: spp: "), "{error}");
+        let all = expanded("a.toml", "seed = 1\nthreads = 'many'\n", &[]).expect("known options");
+        let error = command(&Registry::built_in()).try_get_matches_from(&all.all).expect_err("no number");
+        assert!(all.place_of(&error).is_some_and(|place| place.ends_with("a.toml:2:1")), "{error}");
     }
 }

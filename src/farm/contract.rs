@@ -20,7 +20,7 @@ fn unit(job: &str, number: u32) -> Unit {
         id: UnitId { job: job.into(), frame: 1, pass: 2, number, copy: 0 },
         scene: "0".repeat(64),
         entry: Some("a b/c.obj".into()),
-        options: serde_json::from_str(r#"{ "size": "4x4" }"#).expect("a map"),
+        spec: serde_json::from_str(r#"{ "size": "4x4" }"#).expect("a spec"),
         priority: "normal".into(),
         blocks: vec![3, 1, 2],
         samples: 5..9,

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct Build(BTreeMap<String, String>);
 
 /// Counts incompatible messages between coordinator and workers.
-const PROTOCOL_VERSION: u32 = 3;
+const PROTOCOL_VERSION: u32 = 4;
 
 impl Build {
     /// This process's.
@@ -118,7 +118,7 @@ pub struct FinishedUnit {
     pub unit: UnitId,
     /// Who has rendered it.
     pub worker: String,
-    /// What the worker's frame is a function of ([`crate::serve::Shots::identity`]).
+    /// What the worker's frame is a function of ([`crate::serve::OpenJob::identity`]).
     pub identity: String,
     /// The SHA-256 of the sums.
     pub digest: String,

@@ -14,7 +14,7 @@ pub struct LiveScene {
     pub sha256: String,
     /// The scene file in an archive; `None` for the one that is found in it.
     pub entry: Option<String>,
-    /// What its picture is a function of ([`crate::serve::Shots::identity`]). A worker that finds another one makes
+    /// What its picture is a function of ([`crate::serve::OpenJob::identity`]). A worker that finds another one makes
     /// other pixels, and refuses.
     pub identity: String,
 }

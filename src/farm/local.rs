@@ -221,12 +221,8 @@ mod tests {
         let bus = LocalBus::new(contract::LEASE, 2);
         let offer = |number| {
             let id = UnitId { job: "a".into(), frame: 0, pass: 0, number, copy: 0 };
-            let (scene, entry, options, priority) = ("s".into(), None, Default::default(), "normal".into());
-            bus.offer(
-                Lane::Lo,
-                &Unit { id, scene, entry, options, priority, blocks: vec![0], samples: 0..1 },
-                0,
-            )
+            let (scene, entry, spec, priority) = ("s".into(), None, Default::default(), "normal".into());
+            bus.offer(Lane::Lo, &Unit { id, scene, entry, spec, priority, blocks: vec![0], samples: 0..1 }, 0)
         };
         assert_eq!(
             [offer(0), offer(1), offer(2)].map(Result::ok),

@@ -1,7 +1,7 @@
 //! Units of jobs on their way to workers and back, in one process or over many machines.
 //!
 //! ```text
-//! serve::runner - offer -> WorkBus (in process, or NATS JetStream) - lease -> Worker -> Shots::patch
+//! serve::runner - offer -> WorkBus (in process, or NATS JetStream) - lease -> Worker -> OpenJob::patch
 //!      ^ Desk: join, report, start, files, result, failure                     |
 //!      +---------------------------- ask --------------------------------------+
 //! serve::live - request, with a deadline -> WorkBus -> LiveDesk: rows of a moving frame, as a display shows them

@@ -2,9 +2,9 @@
 
 use super::live::{LiveAnswer, LiveAsk, LiveDesk, LiveReply, LiveScene, Tile, TileAsk};
 use super::scenes::{NoScene, SceneSource};
+use crate::picture::RenderSpec;
 use crate::serve::SceneReader;
 use crate::serve::live::TileScene;
-use serde_json::Map;
 use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
@@ -192,7 +192,7 @@ impl Painter {
     fn read(&self, (sha256, entry): &Place) -> Result<(Render, String), String> {
         let told = |error: NoScene| error.to_string();
         let (path, folder) = self.scenes.scene(sha256, entry.as_deref()).map_err(told)?;
-        let shots = self.reader.open(&Map::new(), &path, &folder)?;
+        let shots = self.reader.open(&RenderSpec::default(), &path, &folder)?;
         let identity = shots.identity(0)?;
         let scene = TileScene::new(shots.prepared(), self.reader.service());
         Ok((

@@ -1,7 +1,7 @@
 //! What a worker is given.
 
+use crate::picture::RenderSpec;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 use std::fmt;
 use std::ops::Range;
 
@@ -39,8 +39,8 @@ pub struct Unit {
     pub scene: String,
     /// The scene file in a pack, if there are several.
     pub entry: Option<String>,
-    /// Options of `raystream render` by their long names.
-    pub options: Map<String, Value>,
+    /// The picture, without the scene.
+    pub spec: RenderSpec,
     /// How urgent it is, by name.
     pub priority: String,
     /// The blocks of the frame.

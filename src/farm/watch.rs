@@ -1,7 +1,7 @@
 //! What steers a unit that is under way.
 
+use crate::picture::Watch;
 use crate::schedule::Priority;
-use crate::serve::Watch;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};

@@ -12,7 +12,7 @@ use super::watch::UnitWatch;
 use super::{BEATS, REPORT};
 use crate::render::{Pass, Patch};
 use crate::schedule::Priority;
-use crate::serve::{SceneReader, Shots, failpoint, hex};
+use crate::serve::{OpenJob, SceneReader, failpoint, hex};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -88,7 +88,7 @@ struct Active {
 
 /// A scene with its options.
 struct Opened {
-    shots: Box<dyn Shots>,
+    shots: OpenJob,
     /// What its frames are functions of.
     identities: Mutex<HashMap<u32, String>>,
 }
@@ -441,8 +441,8 @@ impl Worker {
 
     /// The scene of a unit with its options, read once for many units.
     fn open(&self, unit: &Unit) -> Result<Arc<Opened>, Failed> {
-        let Unit { scene, entry, options, .. } = unit;
-        let key = format!("{scene} {entry:?} {}", serde_json::Value::Object(options.clone()));
+        let Unit { scene, entry, spec, .. } = unit;
+        let key = format!("{scene} {entry:?} {}", spec.canonical());
         let mut ready = lock(&self.ready);
         if let Some(place) = ready.iter().position(|(own, _)| *own == key) {
             let found = ready.remove(place);
@@ -454,7 +454,7 @@ impl Worker {
             NoScene::Now(_) => Failed::GiveBack(error.to_string()),
             NoScene::Ever(_) => Failed::Unit(error.to_string()),
         })?;
-        let shots = self.reader.open(options, &path, &folder).map_err(Failed::Unit)?;
+        let shots = self.reader.open(spec, &path, &folder).map_err(Failed::Unit)?;
         let opened = Arc::new(Opened { shots, identities: Mutex::default() });
         let mut ready = lock(&self.ready);
         if ready.len() >= READY {

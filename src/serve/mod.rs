@@ -1,26 +1,30 @@
 //! Jobs over HTTP: scenes come in, pictures go out, and what was accepted is done in spite of any crash.
 //!
 //! ```text
-//! HTTP - guard (host, origin, token) - api -> ledger (SQLite) -> runner -> Pictures -> schedule::Service
+//! HTTP - guard (host, origin, token) - api -> ledger (SQLite) -> runner -> RenderBackend -> picture
 //!                                       +--> store (scenes by hash)   +-- partial films, then results in files
 //! ```
 //!
-//! The service knows neither options nor formats of scenes: [`Pictures`] checks and renders, and the command line
-//! implements it, so that a job has the bytes of `raystream render`. `docs/guide/service.md` is the user's page.
+//! A job is a [`crate::picture::RenderSpec`] of an uploaded scene, so it has the bytes of `raystream render`.
+//! `docs/guide/service.md` is the user's page.
 
 mod api;
 mod auth;
+mod backend;
 mod connections;
+mod demand;
 mod drake;
 pub(crate) mod failpoint;
 mod guard;
 mod ledger;
 mod limits;
 pub mod live;
+mod loaded_scenes;
+mod open_job;
 mod openapi;
 mod own_scene;
+mod pack;
 pub mod page;
-mod pictures;
 mod problem;
 mod runner;
 mod scene_cache;
@@ -31,10 +35,14 @@ mod store;
 mod webhook;
 
 pub use auth::{TOKEN_FILE, hex};
+pub use backend::{RenderBackend, SCHEDULED, SharedUnits};
+pub use demand::{Demand, Frame, Kind};
 pub use failpoint::Failpoint;
 pub use limits::Limits;
+pub use loaded_scenes::LoadedScenes;
+pub use open_job::OpenJob;
 pub use own_scene::{OwnScene, ScenePack};
-pub use pictures::{Demand, Frame, Gathering, Kind, Pictures, Shots, Watch};
+pub use pack::Pack;
 pub use problem::Problem;
 pub(crate) use runner::decisions;
 pub use runner::{FarmOptions, ShownWorker};

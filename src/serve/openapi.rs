@@ -1,6 +1,8 @@
 //! The description of the API (OpenAPI 3.1).
 
 use super::ledger::JobState;
+use crate::picture::RenderSpec;
+use crate::schedule::Priority;
 use axum::Json;
 use serde_json::{Value, json};
 
@@ -204,7 +206,7 @@ fn answers() -> [(&'static str, Value); 3] {
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
     let job = json!({ "type": "object", "required": ["id", "state", "progress", "pictures"], "properties": {
-        "id": text(), "state": states.clone(), "priority": text(), "scene": text(), "options": { "type": "object" },
+        "id": text(), "state": states.clone(), "priority": text(), "scene": text(), "spec": { "$ref": "#/components/schemas/RenderSpec" },
         "size": { "type": "array", "items": count() }, "spp": count(), "kind": text(),
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
         "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
@@ -238,18 +240,26 @@ fn requests() -> Value {
         "Login": object(&["token"], json!({ "token": text() })),
         "Priority": object(&["priority"], json!({ "priority": text() })),
         "Webhook": object(&["url", "secret"], json!({ "url": text(), "secret": text() })),
-        "JobRequest": object(&["scene"], json!({
-            "scene": { "type": "string", "pattern": "^[0-9a-fA-F]{64}$" },
-            "entry": { "type": ["string", "null"] },
-            "options": { "type": "object", "description": "options of `raystream render` by their long names" },
-            "priority": { "type": ["string", "null"] },
-            "webhook": { "oneOf": [{ "type": "null" }, { "$ref": "#/components/schemas/Webhook" }] }
-        })),
+        "RenderSpec": RenderSpec::schema(),
+        "JobRequest": job_request(),
         "RenderForm": render_form(),
         "Problem": { "type": "object", "required": ["type", "title", "status", "detail"], "properties": {
             "type": text(), "title": text(), "status": { "type": "integer" }, "detail": text(),
             "limit": text(), "value": { "type": "integer" }, "state": text() } }
     })
+}
+
+/// A render spec whose scene is an upload's, and what the service alone wants to know.
+fn job_request() -> Value {
+    let mut schema = RenderSpec::schema();
+    schema["required"] = json!(["scene"]);
+    let properties = &mut schema["properties"];
+    properties["scene"] = json!({ "type": "string", "pattern": "^[0-9a-fA-F]{64}$" });
+    properties["entry"] = json!({ "type": ["string", "null"] });
+    properties["priority"] = json!({ "enum": Priority::ALL.map(Priority::name).into_iter().map(Some).chain([None]).collect::<Vec<_>>() });
+    properties["webhook"] =
+        json!({ "oneOf": [{ "type": "null" }, { "$ref": "#/components/schemas/Webhook" }] });
+    schema
 }
 
 /// The form of Drake's clients.

@@ -1,8 +1,8 @@
 //! Reads scenes that may be hostile: a process of its own tries each one first.
 
-use super::{Limits, Pictures, Shots};
+use super::{Limits, OpenJob, RenderBackend};
+use crate::picture::RenderSpec;
 use crate::schedule::Service;
-use serde_json::{Map, Value};
 use std::collections::{HashSet, VecDeque};
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -12,7 +12,7 @@ const REMEMBERED: usize = 1024;
 
 /// Reads scenes, and remembers which ones a process of their own has read before.
 pub struct SceneReader {
-    pictures: Arc<dyn Pictures>,
+    backend: Arc<RenderBackend>,
     limits: Limits,
     tries: Tries,
 }
@@ -38,29 +38,23 @@ impl std::fmt::Debug for SceneReader {
 
 impl SceneReader {
     /// A reader that has read nothing yet.
-    pub fn new(pictures: Arc<dyn Pictures>, limits: Limits) -> Self {
-        Self { pictures, limits, tries: Tries::default() }
+    pub fn new(backend: Arc<RenderBackend>, limits: Limits) -> Self {
+        Self { backend, limits, tries: Tries::default() }
     }
 
     /// The scheduler that renders what is read.
     pub fn service(&self) -> &Arc<Service> {
-        self.pictures.service()
+        self.backend.service()
     }
 
-    /// Reads the scene of a job whose options have been checked, or finds it in the cache. `folder` has its files.
+    /// Reads the scene of a job whose spec has been checked, or finds it in the cache. `folder` has its files.
     ///
     /// # Errors
     /// Why it cannot be read.
-    pub fn open(
-        &self,
-        options: &Map<String, Value>,
-        scene: &Path,
-        folder: &Path,
-    ) -> Result<Box<dyn Shots>, String> {
-        let of_loader = ["allow-missing", "env", "variant"].map(|key| options.get(key));
-        let key = format!("{} {of_loader:?}", scene.display());
+    pub fn open(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob, String> {
+        let key = format!("{} {:?} {:?}", scene.display(), spec.loading, spec.light.env);
         self.tries.once(&key, || {
-            let triangles = self.pictures.try_scene(options, scene, folder, self.limits.load_time)?;
+            let triangles = self.backend.try_scene(spec, scene, folder, self.limits.load_time)?;
             let most = self.limits.triangles;
             if triangles > most {
                 return Err(format!(
@@ -69,7 +63,7 @@ impl SceneReader {
             }
             Ok(())
         })?;
-        self.pictures.open(options, scene, folder)
+        self.backend.open(spec, scene, folder)
     }
 }
 

@@ -8,7 +8,7 @@ use super::own_scene::{KeptScene, OwnScene};
 use super::runner::{FarmOptions, Runner};
 use super::state::{Inner, State};
 use super::store::Store;
-use super::{Pictures, api, webhook};
+use super::{RenderBackend, api, webhook};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
@@ -117,7 +117,7 @@ impl Stop {
 /// [`ServeError`] if it cannot begin.
 pub fn run(
     options: Options,
-    pictures: Arc<dyn Pictures>,
+    backend: Arc<RenderBackend>,
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
@@ -139,11 +139,11 @@ pub fn run(
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
-    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&pictures), limits, farm)?;
+    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&backend), limits, farm)?;
     let state = State::new(Inner {
         auth,
         limits,
-        pictures,
+        backend,
         ledger,
         store,
         runner: Arc::clone(&runner),

@@ -6,7 +6,7 @@ use super::ledger::Ledger;
 use super::own_scene::KeptScene;
 use super::runner::Runner;
 use super::store::Store;
-use super::{Limits, Pictures, Problem};
+use super::{Limits, Problem, RenderBackend};
 use axum::http::StatusCode;
 use metrics_exporter_prometheus::PrometheusHandle;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub struct State(Arc<Inner>);
 pub(super) struct Inner {
     pub auth: Auth,
     pub limits: Limits,
-    pub pictures: Arc<dyn Pictures>,
+    pub backend: Arc<RenderBackend>,
     pub ledger: Arc<Ledger>,
     pub store: Arc<Store>,
     pub runner: Arc<Runner>,
@@ -57,8 +57,8 @@ impl State {
     }
 
     /// What checks and renders.
-    pub fn pictures(&self) -> &Arc<dyn Pictures> {
-        &self.0.pictures
+    pub fn backend(&self) -> &Arc<RenderBackend> {
+        &self.0.backend
     }
 
     /// Scenes by hash.

@@ -385,7 +385,7 @@ fn options_come_from_a_file() {
     std::fs::write(folder.join("o.toml"), "seed = 3\nmax_bounces = 4\n").expect("file");
     let scene = shipped("cornell.json");
     let told = run(folder, &["render", &scene, "--options", "o.toml"], 2);
-    assert!(told.contains("o.toml:2: \"max_bounces\" is no option"), "{told}");
+    assert!(told.contains("o.toml:2:1: \"max_bounces\" is no option"), "{told}");
     std::fs::write(folder.join("o.toml"), "seed = 3\nspp = \"many\"\n").expect("file");
     let told = run(folder, &["render", &scene, "--options", "o.toml"], 2);
     assert!(told.contains("o.toml:2:") && told.contains("many"), "{told}");

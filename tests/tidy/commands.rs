@@ -8,7 +8,8 @@ use super::rust::Source;
 use super::text::regex;
 use super::tree::{Tree, is_history};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use raystream::cli::Registry;
+use raystream::cli::command;
+use raystream::picture::Registry;
 use std::path::Path;
 use std::process::Command;
 
@@ -157,7 +158,7 @@ fn parse(arguments: &[&str], inline: bool) -> Option<String> {
     let placeholder = regex(r"^[A-Z][A-Za-z0-9_.,@-]*$");
     let mut tried: Option<(usize, usize)> = None;
     loop {
-        let error = Registry::built_in().command().try_get_matches_from(&arguments).err()?;
+        let error = command(&Registry::built_in()).try_get_matches_from(&arguments).err()?;
         let value = match error.get(ContextKind::InvalidValue).or(error.get(ContextKind::InvalidSubcommand)) {
             Some(ContextValue::String(value)) => value.clone(),
             _ => String::new(),
@@ -196,7 +197,7 @@ fn first_line(error: &clap::Error) -> String {
 }
 
 /// Targets and features that cargo is told of exist; arguments of raystream parse.
-fn cargo(tree: &Tree, command: &str, arguments: &[&str], inline: bool) -> Option<String> {
+fn cargo(tree: &Tree, verb: &str, arguments: &[&str], inline: bool) -> Option<String> {
     let split = arguments.iter().position(|word| *word == "--").unwrap_or(arguments.len());
     let (own, passed) = (&arguments[..split], arguments.get(split + 1..).unwrap_or_default());
     let after = |flag| own.iter().position(|word| *word == flag).and_then(|at| own.get(at + 1)).copied();
@@ -217,7 +218,7 @@ fn cargo(tree: &Tree, command: &str, arguments: &[&str], inline: bool) -> Option
             return Some(format!("there is no feature `{feature}`"));
         }
     }
-    if command != "run" {
+    if verb != "run" {
         return None;
     }
     match after("--example") {
@@ -269,7 +270,7 @@ fn unknown_flag(tree: &Tree, flag: &str) -> Option<String> {
     };
     let known = name.is_empty()
         || cargo.contains(&name)
-        || has_flag(&Registry::built_in().command(), name)
+        || has_flag(&command(&Registry::built_in()), name)
         || elsewhere();
     (!known).then(|| format!("no command has the option `--{name}`"))
 }

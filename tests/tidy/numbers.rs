@@ -9,7 +9,8 @@ use super::pins::PINS;
 use super::rust::Source;
 use super::text::{Running, line_of, regex};
 use super::tree::{Tree, is_history};
-use raystream::cli::Registry;
+use raystream::cli::command;
+use raystream::picture::Registry;
 use std::collections::BTreeSet;
 
 /// Pages that tell what was measured, with the numbers of their day.
@@ -198,8 +199,7 @@ impl Value {
         match *self {
             Self::Is(value) => Ok((value(), "the program".into())),
             Self::Default(command, option) => {
-                let registry = Registry::built_in();
-                let mut whole = registry.command();
+                let mut whole = self::command(&Registry::built_in());
                 whole.build();
                 let found = whole.find_subcommand(command);
                 let argument =

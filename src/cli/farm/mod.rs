@@ -5,12 +5,13 @@ mod plan;
 mod plot;
 mod systemd;
 
+use super::Outcome;
 use super::args::{FarmArgs, FarmCommand, NatsArgs, WorkerArgs};
-use super::{Outcome, Registry};
-use crate::cli::serve::{LoadedScenes, Studio};
+use super::setup::shared_units;
 use crate::farm::nats::{NatsBus, NatsOptions, NatsServer};
 use crate::farm::{DiskScenes, WorkBus, Worker, WorkerOptions};
-use crate::serve::{FarmOptions, Limits, Pictures, SceneReader};
+use crate::picture::Registry;
+use crate::serve::{FarmOptions, Limits, LoadedScenes, RenderBackend, SCHEDULED, SceneReader};
 use anyhow::{Context, Result, anyhow};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -78,10 +79,10 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
     let scenes = DiskScenes::open(&cache.join("scenes"), args.cache_size, Arc::clone(&bus));
     let scenes = scenes.with_context(|| format!("{}: the cache cannot be used", cache.display()))?;
     let loaded = LoadedScenes::new(&cache, args.cache_size);
-    let studio = Arc::new(Studio::with_units(registry, &args.units, args.memory, loaded)?);
-    let units = studio.units_in_words();
-    let pictures: Arc<dyn Pictures> = studio;
-    let reader = SceneReader::new(pictures, Limits::default());
+    let shared = shared_units(&args.units, SCHEDULED)?;
+    let units = shared.in_words();
+    let backend = Arc::new(RenderBackend::new(registry, shared, args.memory, loaded));
+    let reader = SceneReader::new(backend, Limits::default());
     let idle = args.drain.then_some(IDLE);
     let options = WorkerOptions {
         name: name.clone(),

@@ -1,9 +1,10 @@
 //! `raystream check-scene`: reads a scene for the service, whose own process survives whatever happens here.
 
+use crate::cli::Outcome;
 use crate::cli::args::CheckSceneArgs;
-use crate::cli::{Outcome, scene_file};
 use crate::engine::PreparedScene;
 use crate::files;
+use crate::picture::{afford, scene_file};
 use crate::scene::Scene;
 use crate::scene::flat::{self, FlatError};
 use anyhow::{Context, Result};
@@ -14,15 +15,16 @@ const BESIDE_BYTES: u64 = 2 << 30;
 
 /// Reads the scene and prints the number of its triangles.
 pub fn run(args: &CheckSceneArgs) -> Result<Outcome> {
-    limit_memory(args.loading.memory().bytes())?;
+    let memory = args.loading.memory.budget();
+    limit_memory(memory.bytes())?;
     let options = args.loading.options().with_root(&args.root);
-    let mut scene = scene_file::read_with(&args.scene, &options)?;
+    let mut scene = scene_file::read(&args.scene, &options)?;
     if let Some(path) = &args.flat {
         keep(&scene, path);
     }
     args.light.apply_environment(&mut scene, &options)?;
     scene.validate().with_context(|| Path::new(&args.scene).display().to_string())?;
-    args.loading.afford("the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
+    afford(&memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
     stdout_line!("{}", scene.mesh.triangles.len());
     Ok(Outcome::Done)
 }

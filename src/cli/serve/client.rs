@@ -1,11 +1,16 @@
 //! The commands that talk to a service.
 
-use super::pack::Pack;
 use crate::cli::args::{CancelArgs, ClientArgs, FetchArgs, JobsArgs, SubmitArgs, TimelineArgs};
-use crate::cli::{Outcome, Registry};
+use crate::cli::args::{Cli, Command};
+use crate::cli::{Outcome, command, options_file};
 use crate::files;
-use anyhow::{Context, Result, bail, ensure};
+use crate::picture::{Registry, RenderSpec, SpecGroup};
+use crate::serve::Pack;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::FromArgMatches;
+use clap::parser::ValueSource;
 use serde_json::{Value, json};
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
@@ -81,16 +86,17 @@ fn text<'a>(value: &'a Value, name: &str) -> &'a str {
 /// `raystream submit`.
 pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
     let client = Client::new(&args.client)?;
-    let pack = Pack::of(registry, &args.scene, &args.options)?;
+    let pack = Pack::of(registry, &spec_of(registry, args)?)?;
     let path = format!("/api/v1/scenes/{}", pack.scene.sha256);
     let head = client.told(client.agent.head(client.url(&path))).call();
     if head.map_or(0, |answer| answer.status().as_u16()) != 200 {
         let request = client.told(client.agent.put(client.url(&path)));
         client.answered(request.send(&pack.scene.bytes[..]))?;
     }
-    let request = json!({
-        "scene": pack.scene.sha256, "entry": pack.scene.entry, "options": pack.options, "priority": args.priority,
-    });
+    let mut request = serde_json::to_value(&pack.spec)?;
+    request["scene"] = json!(pack.scene.sha256);
+    request["entry"] = json!(pack.scene.entry);
+    request["priority"] = json!(args.priority);
     let job = client.post("/api/v1/jobs", &request, args.idempotency_key.as_deref())?;
     if args.client.json {
         stdout_line!("{}", json!({ "id": job["id"], "state": job["state"] }));
@@ -98,6 +104,41 @@ pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
         stdout_line!("job {} is {}", text(&job, "id"), text(&job, "state"));
     }
     Ok(Outcome::Done)
+}
+
+/// The render spec of the options that stand behind the scene.
+fn spec_of(registry: &Registry, args: &SubmitArgs) -> Result<RenderSpec> {
+    let first = ["raystream".into(), "render".into(), args.scene.as_os_str().to_owned()];
+    let all = first.into_iter().chain(args.options.iter().map(OsString::from)).collect();
+    let command = command(registry);
+    let arguments = options_file::expand(&command, all).map_err(|error| anyhow!(error))?;
+    let matches =
+        command.clone().try_get_matches_from(&arguments.all).map_err(|error| anyhow!(told(&error)))?;
+    let (_, given) = matches.subcommand().context("the command is `render`")?;
+    let of_picture: Vec<&str> = RenderSpec::options().iter().map(|option| option.name).collect();
+    let render = command.find_subcommand("render").context("there is the command `render`")?;
+    for arg in render.get_arguments() {
+        let is_given = given.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+        if let Some(long) = arg.get_long()
+            && is_given
+            && long != "options"
+            && !of_picture.contains(&long)
+        {
+            bail!("--{long} is no option of a job; it may have --{}", of_picture.join(", --"));
+        }
+    }
+    let Command::Render(mut render) = Cli::from_arg_matches(&matches)?.command else {
+        bail!("the options are those of `raystream render`")
+    };
+    render.complete(arguments.spec);
+    Ok((*render.spec).clone())
+}
+
+/// The text of clap's error, without hints for terminals.
+fn told(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let end = text.find("\n\nUsage").or_else(|| text.find("\n\nFor more")).unwrap_or(text.len());
+    text[..end].trim_start_matches("error: ").trim().replace('\n', " ")
 }
 
 /// `raystream jobs`.

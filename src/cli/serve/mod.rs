@@ -2,38 +2,42 @@
 
 mod check_scene;
 mod client;
-mod loaded;
-mod options;
-mod pack;
-mod shots;
-mod studio;
 mod view;
 
 pub use check_scene::run as check_scene;
 pub use client::{cancel, fetch, jobs, submit, timeline};
 pub use view::run as view;
 
-use super::args::ServeArgs;
-use super::{Outcome, Registry};
-use crate::serve::{FarmOptions, Limits, Options, OwnScene, ScenePack, Stop, TOKEN_FILE, Tls};
+use super::Outcome;
+use super::args::{ServeArgs, viewer};
+use super::setup::shared_units;
+use crate::picture::{Registry, RenderSpec};
+use crate::serve::{
+    FarmOptions, Limits, LoadedScenes, Options, OwnScene, Pack, RenderBackend, SCHEDULED, ScenePack, Stop,
+    TOKEN_FILE, Tls,
+};
 use anyhow::Result;
-#[cfg(feature = "farm")]
-pub use loaded::LoadedScenes;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-pub use studio::Studio;
 
 /// `raystream serve`.
 pub fn run(args: &ServeArgs, registry: Registry) -> Result<Outcome> {
-    let studio = Arc::new(Studio::open(registry, args)?);
-    serve(args, studio, None, |_| {})
+    serve(args, backend(registry, args)?, None, |_| {})
+}
+
+/// Opens the units and starts the threads.
+fn backend(registry: Registry, args: &ServeArgs) -> Result<Arc<RenderBackend>> {
+    let loaded = LoadedScenes::new(&args.data, args.max_unpacked);
+    let units = shared_units(&args.units, SCHEDULED)?;
+    let viewer = args.tev.as_deref().map(viewer).transpose()?.map(Arc::new);
+    Ok(Arc::new(RenderBackend::new(registry, units, args.memory, loaded).with_viewer(viewer)))
 }
 
 /// Runs the service until Ctrl-C or a termination signal. `listening` gets the address of the page.
 fn serve(
     args: &ServeArgs,
-    studio: Arc<Studio>,
+    backend: Arc<RenderBackend>,
     scene: Option<&Path>,
     listening: impl FnOnce(&str) + Send + 'static,
 ) -> Result<Outcome> {
@@ -54,7 +58,7 @@ fn serve(
     let (farm, _server) = farm(args)?;
     let scene = scene.map(|path| OwnScene {
         path: path.to_owned(),
-        pack: if farm.bus.is_some() { packed(&studio, path) } else { None },
+        pack: if farm.bus.is_some() { packed(&backend, path) } else { None },
     });
     let options = Options {
         listen: *listen,
@@ -73,7 +77,7 @@ fn serve(
     let stop = Stop::default();
     listen_for_signals(&stop);
     let token = data.join(TOKEN_FILE);
-    crate::serve::run(options, studio, &stop, move |address| {
+    crate::serve::run(options, backend, &stop, move |address| {
         let scheme = if is_encrypted { "https" } else { "http" };
         // The token stands behind `#`, which browsers send to no one.
         let page = match std::fs::read_to_string(&token) {
@@ -87,9 +91,11 @@ fn serve(
 }
 
 /// A scene as workers on other machines get it. `None`, with a word in the log, if it cannot be packed.
-fn packed(studio: &Studio, scene: &Path) -> Option<ScenePack> {
-    match studio.pack(scene) {
-        Ok(pack) => Some(pack),
+fn packed(backend: &RenderBackend, scene: &Path) -> Option<ScenePack> {
+    let mut spec = RenderSpec::default();
+    spec.scene = Some(scene.to_owned());
+    match Pack::of(backend.registry(), &spec) {
+        Ok(pack) => Some(pack.scene),
         Err(error) => {
             log::warn!("workers do not render views of this scene: {error:#}");
             None

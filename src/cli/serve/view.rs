@@ -1,37 +1,27 @@
 //! `raystream view`.
 
-use super::serve;
-use super::studio::Studio;
+use super::{backend, serve};
+use crate::cli::Outcome;
 use crate::cli::args::ViewArgs;
-use crate::cli::{Outcome, Registry};
-use crate::serve::Pictures;
+use crate::picture::{Registry, RenderSpec};
 use anyhow::{Context, Result, anyhow};
-use serde_json::Map;
-use std::sync::Arc;
 
 /// Starts the service for one scene, and a browser where there is one.
 pub fn run(args: &ViewArgs, registry: Registry) -> Result<Outcome> {
     let scene = args.scene.canonicalize().with_context(|| args.scene.display().to_string())?;
     let folder = scene.parent().unwrap_or(&scene).to_owned();
-    let studio = Arc::new(Studio::open(registry, &args.service)?);
+    let backend = backend(registry, &args.service)?;
     // A scene that cannot be read ends the command, and one that can be is ready when the page asks for it.
-    studio.shots(&scene, &folder)?;
+    backend.open(&RenderSpec::default(), &scene, &folder).map_err(|error| anyhow!(error))?;
     let opens_browser = !args.no_browser && has_display();
-    serve(&args.service, studio, Some(&scene), move |page| {
+    serve(&args.service, backend, Some(&scene), move |page| {
         if opens_browser && let Err(error) = open::that_detached(page) {
             log::info!("no browser was started ({error}); open the address in one");
         }
     })
 }
 
-impl Studio {
-    /// Reads a scene without any options.
-    fn shots(&self, scene: &std::path::Path, folder: &std::path::Path) -> Result<()> {
-        Pictures::open(self, &Map::new(), scene, folder).map(drop).map_err(|error| anyhow!(error))
-    }
-}
-
-/// Whether a browser would have a window. Where windows come from a display server, a program without one may be a
+/// True if a browser would have a window. Where windows come from a display server, a program without one may be a
 /// browser for terminals, which shows no pictures.
 fn has_display() -> bool {
     let has = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());

@@ -123,9 +123,6 @@ fn settings_of_unknown_options_are_refused_with_the_list() {
     );
     assert!(told("path", "reach=1").contains("integrator path has no option \"reach\""));
     assert!(told("path", "stone.rings=1").starts_with("--set: stone has no option"));
-    let mut help = registry.command();
-    let help = help.find_subcommand_mut("render").expect("there").render_long_help().to_string();
-    assert!(help.contains("ambient-occlusion.reach=auto") && help.contains("wood.rings=7"), "{help}");
 }
 
 #[test]
@@ -136,20 +133,4 @@ fn errors_of_any_type_are_told() {
     // It compiles: names are owned, errors are open.
     let registry = Registry::built_in().with(format!("mine {}", 1), String::from("Mine"), refuse);
     assert!(format!("{registry:?}").contains("mine 1"));
-}
-
-#[test]
-fn the_help_lists_what_is_registered_and_unknown_names_are_refused_with_the_list() {
-    let registry = Registry::built_in().with("mine", "An integrator of mine", |params| {
-        AmbientOcclusion::new(params.scene, &params.camera, params.settings, 1.0)
-    });
-    let command = || registry.command();
-    command().debug_assert();
-    let help = command().try_get_matches_from(["raystream", "help", "render"]).unwrap_err().to_string();
-    assert!(help.contains("mine") && help.contains("An integrator of mine"), "{help}");
-    let render =
-        |name| command().try_get_matches_from(["raystream", "render", "a.obj", "--integrator", name]);
-    assert!(render("mine").is_ok() && render("whitted").is_ok());
-    let refusal = render("theirs").unwrap_err().to_string();
-    assert!(refusal.contains("path, whitted, recursive-whitted, ambient-occlusion, mine"), "{refusal}");
 }

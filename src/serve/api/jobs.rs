@@ -57,7 +57,7 @@ fn accept(
     }
     let entry = state.store().entry(&request.scene, request.entry.as_deref())?;
     let folder = state.store().scene_folder(&request.scene);
-    let demand = state.pictures().check(&request.options, &entry, &folder).map_err(Problem::unprocessable)?;
+    let demand = state.backend().check(&request.spec, &entry, &folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
@@ -131,7 +131,7 @@ fn shown(job: &Job, totals: Totals, now: f64) -> Value {
     json!({
         "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
-        "options": request.map(|request| request.options),
+        "spec": request.map(|request| request.spec),
         "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
         "created_ms": job.created_ms, "ended_ms": job.ended_ms, "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,

@@ -2,6 +2,7 @@
 
 use super::{body, scenes};
 use crate::numpy::{Array, Npz, Values};
+use crate::picture::RenderSpec;
 use crate::schedule::{JobOptions, Priority};
 use crate::serve::api::JobRequest;
 use crate::serve::{Problem, State};
@@ -11,7 +12,6 @@ use axum::extract::{Query, State as Given};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use serde_json::Map;
 use std::fmt::Display;
 use std::io::{self, Cursor};
 use std::sync::Arc;
@@ -46,8 +46,13 @@ pub async fn query(
                 .scene(&scene)?
                 .ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
             let rays = rays(&bytes).map_err(Problem::unprocessable)?;
-            let request =
-                JobRequest { scene, entry: query.entry, options: Map::new(), priority: None, webhook: None };
+            let request = JobRequest {
+                scene,
+                entry: query.entry,
+                spec: RenderSpec::default(),
+                priority: None,
+                webhook: None,
+            };
             let hits = trace(state, &request, rays, query.any_hit)?;
             Ok(([(header::CONTENT_TYPE, "application/zip")], hits).into_response())
         })
@@ -75,7 +80,7 @@ fn trace(state: &State, request: &JobRequest, rays: Arc<[Ray]>, any_hit: bool) -
     let failed = |error: &dyn Display| {
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("tracing failed: {error}"))
     };
-    let service = state.pictures().service();
+    let service = state.backend().service();
     let tracers = shots.prepared().tracers.clone();
     let options = JobOptions::default().with_name("query").with_priority(Priority::Normal);
     let mut npz = Cursor::new(Vec::new());

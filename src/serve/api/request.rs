@@ -1,32 +1,69 @@
 //! What a client sends to get a job.
 
+use crate::picture::{RenderSpec, SpecGroup};
 use crate::render::PICTURE_VERSION;
 use crate::schedule::Priority;
 use crate::serve::auth::hex;
 use crate::serve::ledger::{Job, priority};
 use crate::serve::{Kind, Problem};
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 
-/// A request for a job.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A request for a job: a render spec whose scene is the SHA-256 of an upload, with what the service alone wants to
+/// know.
+#[derive(Clone, Debug)]
 pub struct JobRequest {
     /// SHA-256 of the scene, which has been uploaded.
     pub scene: String,
     /// The scene file in a pack, if there are several.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub entry: Option<String>,
-    /// Options of `raystream render` by their long names.
-    #[serde(default)]
-    pub options: Map<String, Value>,
+    /// The picture, without the scene.
+    pub spec: RenderSpec,
     /// `interactive`, `normal` or `background`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub priority: Option<String>,
     /// Who is called when the job ends.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub webhook: Option<Webhook>,
+}
+
+impl Serialize for JobRequest {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { scene, entry, spec, priority, webhook } = self;
+        let own = [
+            ("scene", Some(json!(scene))),
+            ("entry", entry.as_ref().map(|entry| json!(entry))),
+            ("priority", priority.as_ref().map(|priority| json!(priority))),
+            ("webhook", webhook.as_ref().map(|webhook| json!(webhook))),
+        ];
+        let own = own.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        serializer.collect_map(own.chain(spec.entries(false)))
+    }
+}
+
+impl<'de> Deserialize<'de> for JobRequest {
+    /// Reads a request. Those of earlier builds have the options of the picture in an object of their own, `options`.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut all = Map::deserialize(deserializer)?;
+        let scene: Option<String> = of_key(&mut all, "scene")?;
+        let entry = of_key(&mut all, "entry")?;
+        let (priority, webhook) = (of_key(&mut all, "priority")?, of_key(&mut all, "webhook")?);
+        if let Some(options) = of_key::<Map<String, Value>, _>(&mut all, "options")? {
+            if let Some(key) = options.keys().find(|key| all.contains_key(*key)) {
+                return Err(D::Error::custom(format!("{key}: given twice, also in `options`")));
+            }
+            all.extend(options);
+        }
+        let spec = RenderSpec::of(&all).map_err(D::Error::custom)?;
+        let scene = scene.ok_or_else(|| D::Error::missing_field("scene"))?;
+        Ok(Self { scene, entry, spec, priority, webhook })
+    }
+}
+
+/// Takes a value out of a map. `null` is none.
+fn of_key<T: DeserializeOwned, E: Error>(all: &mut Map<String, Value>, key: &str) -> Result<Option<T>, E> {
+    let Some(value) = all.remove(key) else { return Ok(None) };
+    serde_json::from_value(value).map_err(|error| E::custom(format!("{key}: {error}")))
 }
 
 /// Who is called when a job ends.
@@ -50,9 +87,9 @@ impl JobRequest {
 
     /// The SHA-256 of all that the pictures depend on.
     pub fn hash(&self) -> String {
-        let Self { scene, entry, options, .. } = self;
+        let Self { scene, entry, spec, .. } = self;
         // Maps of serde_json are in the order of their keys.
-        let all = json!([PICTURE_VERSION, scene, entry, options]);
+        let all = json!([PICTURE_VERSION, scene, entry, spec.canonical()]);
         hex(&Sha256::digest(all.to_string().as_bytes()))
     }
 

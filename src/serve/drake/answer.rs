@@ -1,7 +1,7 @@
 //! The pictures that a client of Drake's understands.
 
 use super::super::store::refused;
-use super::super::{Problem, Shots, live};
+use super::super::{OpenJob, Problem, live};
 use super::form::{Form, ImageType};
 use crate::film::{LayerValues, Picture};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -49,7 +49,7 @@ impl Wanted {
     ///
     /// # Errors
     /// If the disk refuses, or a material has no colour that could be a label.
-    pub fn encode(&self, picture: &Picture, shots: &dyn Shots, folder: &Path) -> Result<Encoded, Problem> {
+    pub fn encode(&self, picture: &Picture, shots: &OpenJob, folder: &Path) -> Result<Encoded, Problem> {
         let (width, height) = (picture.image.width, picture.image.height);
         let png = |colour, depth, bytes: &[u8]| png(width, height, colour, depth, bytes);
         match *self {
@@ -114,7 +114,7 @@ fn depths(picture: &Picture) -> Result<&[f32], Problem> {
 }
 
 /// The colour of the material at each pixel's centre.
-fn labels(picture: &Picture, shots: &dyn Shots) -> Result<Vec<[u8; 3]>, Problem> {
+fn labels(picture: &Picture, shots: &OpenJob) -> Result<Vec<[u8; 3]>, Problem> {
     let Some(LayerValues::Ids { ids, .. }) = picture.layers.first().map(|layer| &layer.values) else {
         return Err(failed("it has no materials"));
     };

@@ -6,7 +6,8 @@ mod form;
 
 use super::api::check_demand;
 use super::store::{Passing, refused};
-use super::{Problem, State, Watch, guard};
+use super::{Problem, State, guard};
+use crate::picture::{RenderSpec, Watch};
 use crate::schedule::Priority;
 use answer::Wanted;
 use axum::Router;
@@ -102,11 +103,12 @@ fn draw(
 ) -> Result<(&'static str, Vec<u8>), Problem> {
     let _forgotten = Forgotten { state, scene };
     let (path, folder) = (scene.path(), scene.folder());
-    let options = options_of(form, options);
-    let demand = state.pictures().check(&options, path, folder).map_err(Problem::unprocessable)?;
+    let spec = RenderSpec::of(&options_of(form, options))
+        .map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let demand = state.backend().check(&spec, path, folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
-    let shots = state.runner().reader.open(&options, path, folder).map_err(Problem::unprocessable)?;
-    let mut frame = shots.gather(0, None).map_err(Problem::unprocessable)?;
+    let shots = state.runner().reader.open(&spec, path, folder).map_err(Problem::unprocessable)?;
+    let mut frame = shots.sum(0, None).map_err(Problem::unprocessable)?;
     while !frame.is_complete() {
         for (number, pass) in frame.passes() {
             let patch = shots.patch(0, pass, watch);
@@ -117,12 +119,10 @@ fn draw(
                 ));
             }
             let patch = patch.map_err(Problem::unprocessable)?;
-            frame.add(number, &patch).map_err(Problem::unprocessable)?;
+            frame.add(number, &patch).map_err(|error| Problem::unprocessable(error.to_string()))?;
         }
     }
-    let picture = frame.develop().map_err(Problem::unprocessable)?;
-
-    wanted.encode(&picture, &*shots, folder)
+    wanted.encode(&frame.develop(), &shots, folder)
 }
 
 /// The options of the picture's job.
@@ -157,7 +157,7 @@ struct Forgotten<'a> {
 
 impl Drop for Forgotten<'_> {
     fn drop(&mut self) {
-        self.state.pictures().forget(self.scene.folder());
+        self.state.backend().forget(self.scene.folder());
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{LiveLimits, LiveViews, Stage, socket};
 use crate::farm::LiveScene;
+use crate::picture::RenderSpec;
 use crate::serve::{Problem, State};
 use axum::Router;
 use axum::extract::rejection::QueryRejection;
@@ -10,7 +11,6 @@ use axum::extract::{Extension, Query, State as Given, WebSocketUpgrade};
 use axum::response::Response;
 use axum::routing::get;
 use serde::Deserialize;
-use serde_json::Map;
 use std::sync::Arc;
 
 /// Routes of the live view, behind the token.
@@ -72,12 +72,13 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
         (None, Some(own)) => (own.path().to_owned(), own.path().parent().unwrap_or(own.path()).to_owned()),
         (None, None) => return Err(Problem::missing("scene to show")),
     };
-    let shots = state.pictures().open(&Map::new(), &path, &folder).map_err(Problem::unprocessable)?;
+    let shots =
+        state.backend().open(&RenderSpec::default(), &path, &folder).map_err(Problem::unprocessable)?;
     let name = match &scene {
         Some(sha256) => sha256[..8].to_owned(),
         None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
-    let service = Arc::clone(state.pictures().service());
+    let service = Arc::clone(state.backend().service());
     let stage = Stage::new(name, Arc::new(shots.prepared().clone()), service);
     // Workers fetch it as an upload.
     let upload = match scene {
@@ -88,5 +89,5 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
         let identity = shots.identity(0).ok()?;
         state.runner().workforce(LiveScene { sha256, entry, identity })
     });
-    Ok(stage.with_viewer(state.pictures().viewer()).with_workers(workforce))
+    Ok(stage.with_viewer(state.backend().viewer()).with_workers(workforce))
 }

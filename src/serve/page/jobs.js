@@ -129,8 +129,8 @@ export class Jobs {
       bar.hidden = true;
       if (!sent.ok) return this.tell(`${file.name} was refused. ${sent.reason}`);
     }
-    const options = { size: "960x540", spp: 64 };
-    const submitted = await request("POST", "jobs", { json: { scene: hash, options } });
+    const spec = { scene: hash, size: "960x540", spp: 64 };
+    const submitted = await request("POST", "jobs", { json: spec });
     this.tell(submitted.ok ? `${file.name} is being rendered.` : `${file.name} was refused. ${submitted.reason}`);
     $("file").value = "";
     this.update();

@@ -9,9 +9,10 @@ use super::results;
 use super::task::Failure;
 use crate::farm::{FinishedUnit, UnitId};
 use crate::files::{self, sync_folder};
+use crate::picture::FrameSum;
 use crate::render::Patch;
 use crate::serve::ledger::{Ledger, Rendering, UnitRow, UnitState};
-use crate::serve::{Gathering, Shots, failpoint, hex};
+use crate::serve::{OpenJob, failpoint, hex};
 use sha2::{Digest, Sha256};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -29,14 +30,14 @@ pub(super) struct OpenFrame {
     folder: PathBuf,
     /// What its patches must be of.
     identity: String,
-    pub shots: Box<dyn Shots>,
+    pub shots: OpenJob,
     most_files: usize,
     pub state: Mutex<FrameState>,
 }
 
 /// What changes of it.
 pub(super) struct FrameState {
-    pub gathering: Box<dyn Gathering>,
+    pub gathering: FrameSum,
     passes: Vec<PassUnits>,
     /// Files of units that the file of sums does not hold yet, and their bytes.
     loose: Vec<PathBuf>,
@@ -85,7 +86,7 @@ impl OpenFrame {
         ledger: &Ledger,
         (job, frame): (&str, u32),
         folder: PathBuf,
-        shots: Box<dyn Shots>,
+        shots: OpenJob,
         most_files: Option<usize>,
     ) -> Result<Self, Failure> {
         std::fs::create_dir_all(&folder)?;
@@ -97,7 +98,7 @@ impl OpenFrame {
                 Err(error) => return begin_anew(ledger, job, frame, &error.to_string()),
             },
         };
-        let gathering = match shots.gather(frame, saved.as_deref()) {
+        let gathering = match shots.sum(frame, saved.as_deref()) {
             Ok(gathering) => gathering,
             Err(error) if saved.is_some() => return begin_anew(ledger, job, frame, &error),
             Err(error) => return Err(Failure::Job(error)),
@@ -253,7 +254,7 @@ impl OpenFrame {
         }
         if let Err(error) = state.gathering.add(unit.pass, &patch) {
             results::remove(&path);
-            return Ok(Kept::Wrong(error));
+            return Ok(Kept::Wrong(error.to_string()));
         }
         (unit.worker, unit.digest) = (Some(worker), Some(digest));
         let (began_ms, came_ms) = lease.times(came, seconds);
@@ -327,7 +328,7 @@ impl FrameState {
             return Err("it is damaged".into());
         }
         let patch = Patch::new(pass.blocks_of(unit), unit.first..unit.end, sums);
-        self.gathering.add(unit.pass, &patch)?;
+        self.gathering.add(unit.pass, &patch).map_err(|error| error.to_string())?;
         self.loose_bytes += patch.sums().len() as u64;
         self.loose.push(path.to_owned());
         self.open_passes();

@@ -25,7 +25,7 @@ pub use workers::ShownWorker;
 use super::ledger::{Job, Ledger, UnitRow};
 use super::live::Workforce;
 use super::store::Store;
-use super::{Limits, Pictures, SceneReader};
+use super::{Limits, RenderBackend, SceneReader};
 use crate::farm::{
     LEASE, LiveScene, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions,
 };
@@ -161,7 +161,7 @@ impl Runner {
     pub fn start(
         ledger: Arc<Ledger>,
         store: Arc<Store>,
-        pictures: Arc<dyn Pictures>,
+        backend: Arc<RenderBackend>,
         limits: Limits,
         farm: FarmOptions,
     ) -> std::io::Result<Arc<Self>> {
@@ -178,7 +178,7 @@ impl Runner {
                 corrupt: false,
             };
             let scenes = Arc::new(StoredScenes(Arc::clone(&store)));
-            Worker::new(options, Arc::clone(&bus), scenes, SceneReader::new(Arc::clone(&pictures), limits))
+            Worker::new(options, Arc::clone(&bus), scenes, SceneReader::new(Arc::clone(&backend), limits))
         });
         let quarantined = ledger.quarantined().map_err(std::io::Error::other)?;
         let state = State { workers: Workers::new(quarantined), ..State::default() };
@@ -187,7 +187,7 @@ impl Runner {
         let runner = Arc::new(Self {
             ledger,
             store,
-            reader: SceneReader::new(pictures, limits),
+            reader: SceneReader::new(backend, limits),
             limits,
             farm,
             bus,

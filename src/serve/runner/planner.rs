@@ -230,7 +230,7 @@ impl Runner {
             id: id.clone(),
             scene: request.scene,
             entry: request.entry,
-            options: request.options,
+            spec: request.spec,
             priority: job.priority.name().into(),
             blocks: blocks.clone(),
             samples: row.first..row.end,

@@ -7,10 +7,11 @@ use super::{NAP, Runner};
 use crate::farm::UnitWatch;
 use crate::files::sync_folder;
 use crate::film::Picture;
+use crate::picture::Watch;
 use crate::render::{Blocks, Pass};
 use crate::serve::api::JobRequest;
 use crate::serve::ledger::{FrameRow, Job, JobState, LedgerError, UnitRow};
-use crate::serve::{Shots, Watch, failpoint, hex};
+use crate::serve::{OpenJob, failpoint, hex};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io;
@@ -168,7 +169,7 @@ impl Runner {
     }
 
     /// Reads the scene of a job, or finds it in the cache.
-    fn open(&self, job: &Job) -> Result<Box<dyn Shots>, Failure> {
+    fn open(&self, job: &Job) -> Result<OpenJob, Failure> {
         let request = JobRequest::of(job);
         let request = request.ok_or_else(|| Failure::Job("the ledger's request is not readable".into()))?;
         self.open_scene(&request).map_err(Failure::Job)
@@ -178,16 +179,16 @@ impl Runner {
     ///
     /// # Errors
     /// Why it cannot be read.
-    pub fn open_scene(&self, request: &JobRequest) -> Result<Box<dyn Shots>, String> {
-        let JobRequest { scene, entry, options, .. } = request;
+    pub fn open_scene(&self, request: &JobRequest) -> Result<OpenJob, String> {
+        let JobRequest { scene, entry, spec, .. } = request;
         let path = self.store.entry(scene, entry.as_deref()).map_err(|problem| problem.to_string())?;
         let folder = self.store.scene_folder(scene);
-        self.reader.open(options, &path, &folder)
+        self.reader.open(spec, &path, &folder)
     }
 
     fn plan(&self, job: &Job) -> Result<(), Failure> {
         let shots = self.open(job)?;
-        let frames = shots.frames().map_err(Failure::Job)?;
+        let frames = shots.frames();
         let (count, most) = (frames.len() as u64, u64::from(self.limits.frames));
         if count > most {
             return Err(Failure::Job(format!(
@@ -223,8 +224,7 @@ impl Runner {
     fn finish_frame(&self, job: &Job, frame: &OpenFrame) -> Result<(), Failure> {
         failpoint::pass("folding");
         let picture = frame.state.lock().expect("no holder panics").gathering.develop();
-        let picture = picture.map_err(Failure::Job)?;
-        self.finish(job, frame.frame, &*frame.shots, &picture)?;
+        self.finish(job, frame.frame, &frame.shots, &picture)?;
         frame.remove_files();
         let mut state = self.state();
         if let Some(run) = state.runs.get_mut(&job.id) {
@@ -244,7 +244,7 @@ impl Runner {
         let spent = spent + began.elapsed();
         self.ledger.set_spent(&job.id, spent.as_millis() as i64)?;
         let picture = picture.ok_or(Failure::Stopped)?;
-        self.finish(job, frame, &*shots, &picture)?;
+        self.finish(job, frame, &shots, &picture)?;
         results::remove(&checkpoint);
         Ok(())
     }
@@ -286,7 +286,7 @@ impl Runner {
     }
 
     /// Writes the pictures of a frame and then its row of the ledger.
-    fn finish(&self, job: &Job, frame: u32, shots: &dyn Shots, picture: &Picture) -> Result<(), Failure> {
+    fn finish(&self, job: &Job, frame: u32, shots: &OpenJob, picture: &Picture) -> Result<(), Failure> {
         let folder = self.frame_folder(&job.id, frame);
         std::fs::create_dir_all(&folder)?;
         let write = |extension: &str| {

@@ -1,10 +1,9 @@
 //! Scenes that a process of their own has loaded, as flat files in the data folder.
 
-use super::options::Parsed;
-use crate::cli::args::RenderArgs;
+use super::hex;
 use crate::memory::MemoryBudget;
+use crate::picture::RenderSpec;
 use crate::scene::{Scene, flat};
-use crate::serve::hex;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use std::fs::{DirEntry, File};
@@ -33,12 +32,12 @@ impl LoadedScenes {
     }
 
     /// The file of a scene, which may not be there yet. `None` if the scene has no lasting name.
-    pub fn path(&self, parsed: &Parsed, folder: &Path) -> Option<PathBuf> {
+    pub fn path(&self, spec: &RenderSpec, folder: &Path) -> Option<PathBuf> {
         if folder.parent()? != self.uploads {
             return None;
         }
-        let RenderArgs { scene, loading, .. } = &parsed.args;
-        let entry = scene.strip_prefix(folder).ok()?.to_str()?;
+        let loading = &spec.loading;
+        let entry = spec.scene.as_deref()?.strip_prefix(folder).ok()?.to_str()?;
         let upload = folder.file_name()?.to_str()?;
         let all = json!([flat::VERSION, self.program, upload, entry, loading.variant, loading.allow_missing]);
         let name = hex(&Sha256::digest(all.to_string().as_bytes()));
