@@ -3,7 +3,7 @@
 use crate::machines::{free_port, worker_output};
 use crate::service::{PATIENCE, raystream};
 use crate::{Nats, Service, Worker, coordinator, folder, shipped, still};
-use raystream::cli::command;
+use raystream::cli;
 use raystream::picture::Registry;
 use serde_json::json;
 use std::fs;
@@ -273,7 +273,7 @@ fn services_of_the_system_start_commands_that_parse() {
         let command = service.lines().find_map(|line| line.strip_prefix("ExecStart=")).expect("a command");
         let words: Vec<&str> = command.split_whitespace().collect();
         if words[0] == "raystream" {
-            let parsed = command(&Registry::built_in()).try_get_matches_from(&words);
+            let parsed = cli::command(&Registry::built_in()).try_get_matches_from(&words);
             assert!(parsed.is_ok(), "{name}: {command}: {}", parsed.expect_err("an error"));
         } else {
             assert_eq!(words, ["nats-server", "-c", "nats.conf"], "{command}");

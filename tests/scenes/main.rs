@@ -14,7 +14,7 @@ use raystream::scene::{
     EnvironmentMap, Instance, Iridescence, Light, LightShape, Material, Medium, Mesh, Mipmap, Mix, NormalMap,
     Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, Wrap,
 };
-use raystream::schedule::{JobOptions, Service, ServiceOptions};
+use raystream::schedule::{JobOptions, Renderer, Service, ServiceOptions};
 use std::sync::Arc;
 
 /// A service of two threads.
@@ -36,7 +36,7 @@ fn camera() -> Camera {
     Camera::new(Vec3::new(0.3, 1.6, 5.0), Vec3::new(0.0, 0.5, 0.0)).with_fov(50.0)
 }
 
-fn hash<I: Integrator>(service: &Service, prepared: &PreparedScene, integrator: Arc<I>) -> String {
+fn hash<I: Integrator + Renderer>(service: &Service, prepared: &PreparedScene, integrator: Arc<I>) -> String {
     let job = prepared.submit(service, integrator.clone(), JobOptions::default()).expect("a job");
     job.wait().expect("a picture");
     let Settings { width, height, .. } = *integrator.frame().settings();

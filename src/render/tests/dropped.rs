@@ -41,7 +41,7 @@ fn broken_room() -> (Arc<Scene>, u32) {
 }
 
 /// Renders, and checks what was dropped.
-fn check<I: Integrator>(integrator: &I, scene: &Scene, broken: u32) -> Dropped {
+fn check<I: Integrator + crate::schedule::Renderer>(integrator: &I, scene: &Scene, broken: u32) -> Dropped {
     render(integrator, 8192, &tracer(scene));
     let frame = integrator.frame();
     let dropped = frame.dropped_by_material();

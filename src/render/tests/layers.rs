@@ -41,7 +41,12 @@ fn with_objects(mut scene: Scene) -> Scene {
 }
 
 /// A picture with its layers.
-fn picture<I: Integrator>(integrator: &I, aovs: &AovSet, batch: usize, tracer: &dyn Tracer) -> Picture {
+fn picture<I: Integrator + crate::schedule::Renderer>(
+    integrator: &I,
+    aovs: &AovSet,
+    batch: usize,
+    tracer: &dyn Tracer,
+) -> Picture {
     let integrator = integrator.with_aovs(aovs).expect("layers");
     render(&integrator, batch, tracer);
     integrator.frame().develop(integrator.frame().film())
@@ -78,7 +83,7 @@ fn all_integrators_lanes_and_batches_give_the_same_bytes() {
     let scene = Arc::new(with_objects(one_of_everything()));
     let tracer = tracer(&scene);
     let mut layers = Vec::new();
-    fn each<I: Integrator>(make: &dyn Fn() -> I, tracer: &dyn Tracer) -> Picture {
+    fn each<I: Integrator + crate::schedule::Renderer>(make: &dyn Fn() -> I, tracer: &dyn Tracer) -> Picture {
         let first = picture(&make(), &all(), 8192, tracer);
         for simd in SimdLevel::available() {
             for batch in [8192, 97] {
@@ -235,7 +240,7 @@ fn a_transparent_picture_over_an_even_sky_is_the_opaque_one() {
     let Environment::Constant(sky) = scene.environment else { panic!("an even sky") };
     let tracer = tracer(&scene);
     let settings = Settings { spp: 16, ..SETTINGS };
-    fn both<I: Integrator>(integrator: &I, tracer: &dyn Tracer, sky: Vec3) {
+    fn both<I: Integrator + crate::schedule::Renderer>(integrator: &I, tracer: &dyn Tracer, sky: Vec3) {
         let opaque = picture(integrator, &AovSet::default(), 8192, tracer);
         let transparent = picture(integrator, &AovSet::default().with_transparent(true), 8192, tracer);
         let alpha = transparent.alpha.expect("asked for");

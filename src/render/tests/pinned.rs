@@ -41,7 +41,7 @@ fn many_lamps() -> Scene {
 }
 
 /// The hash of what an integrator makes of a scene, the same at every instruction set.
-fn hash<I: Integrator>(
+fn hash<I: Integrator + crate::schedule::Renderer>(
     scene: &Scene,
     make: impl Fn(Arc<Scene>) -> Result<I, SettingsError>,
     with_simd: impl Fn(I, SimdLevel) -> I,

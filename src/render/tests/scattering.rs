@@ -65,7 +65,7 @@ fn coded(scene: &mut Scene, surface: impl Scattering) -> Surface {
 
 const SETTINGS: Settings = Settings::new(24, 24).with_spp(16).with_max_bounces(3);
 
-fn picture<I: Integrator>(made: &I) -> (Vec<[f32; 3]>, Counts) {
+fn picture<I: Integrator + crate::schedule::Renderer>(made: &I) -> (Vec<[f32; 3]>, Counts) {
     let counts = render(made, 8192, &harness::tracer(made.frame().scene()));
     (made.frame().film().resolve(), counts)
 }

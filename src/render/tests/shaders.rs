@@ -23,7 +23,7 @@ fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
     return Scattered(wi, s.colour, cosine_hemisphere_pdf(wi.z));
 }";
 
-fn picture<I: Integrator>(made: &I) -> Vec<[f32; 3]> {
+fn picture<I: Integrator + crate::schedule::Renderer>(made: &I) -> Vec<[f32; 3]> {
     render(made, 8192, &harness::tracer(made.frame().scene()));
     made.frame().film().resolve()
 }

@@ -22,7 +22,7 @@ fn integrator(text: &str, scene: &Scene) -> WgslIntegrator {
     WgslShader::shading(shader, Arc::new(scene.clone()), &camera(), SETTINGS).expect("valid settings")
 }
 
-fn pixels(integrator: &impl Integrator, batch: usize) -> Vec<[f32; 3]> {
+fn pixels(integrator: &(impl Integrator + crate::schedule::Renderer), batch: usize) -> Vec<[f32; 3]> {
     render(integrator, batch, &harness::tracer(integrator.frame().scene()));
     assert_eq!(integrator.frame().film().dropped_splats(), 0);
     integrator.frame().film().resolve()
