@@ -157,7 +157,7 @@ pub mod farm;
 #[cfg(feature = "cli")]
 pub mod cli;
 
-/// What most programs that render use: `use raystream::prelude::*`.
+/// Names that most programs that render use: `use raystream::prelude::*`.
 #[cfg(feature = "render")]
 pub mod prelude {
     pub use crate::engine::{PreparedScene, UnitChoice, Units};

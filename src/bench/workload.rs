@@ -30,7 +30,7 @@ impl Kind {
     pub const ALL: [Self; 5] =
         [Self::Camera, Self::Bounce, Self::ShuffledBounce, Self::SoftShadow, Self::OccludedBounce];
 
-    /// Whether the query is for any hit, not the closest.
+    /// True if the query is for any hit, not the closest.
     pub fn is_any_hit(self) -> bool {
         matches!(self, Self::SoftShadow | Self::OccludedBounce)
     }

@@ -101,7 +101,7 @@ pub(super) struct SplitPlane {
 }
 
 impl SplitPlane {
-    /// Whether a key is on the left.
+    /// True if a key is on the left.
     #[inline(always)]
     pub fn is_left<L: Lanes>(&self, l: L, key: L::F) -> bool {
         l.lt(self.axis, l.sub(key, load_one(l, &self.origin)), l.splat(self.distance)) != 0

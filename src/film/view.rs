@@ -59,7 +59,7 @@ impl View {
         each(shown, |channel| channel.clamp(0.0, 1.0))
     }
 
-    /// What a file stores for [`View::apply`]'s result, in 0..=1: the sRGB transfer function, or nothing for
+    /// Value that a file stores for [`View::apply`]'s result, in 0..=1: the sRGB transfer function, or nothing for
     /// [`View::Raw`].
     pub fn encode(self, light: f32) -> f32 {
         match self {

@@ -87,8 +87,8 @@ impl CanonicalRay {
         t_max: -1.0,
     };
 
-    /// Whether a ray has an origin and a direction that can be traced: neither is a reason for [`CanonicalRay::new`] to
-    /// let it hit nothing.
+    /// True if a ray's origin and direction can be traced: neither is a reason for [`CanonicalRay::new`] to let it hit
+    /// nothing.
     #[inline(always)]
     pub fn can_start(origin: [f32; 3], direction: [f32; 3]) -> bool {
         let (o, d) = (Vec3::from_array(origin), Vec3::from_array(direction));

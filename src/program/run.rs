@@ -180,7 +180,7 @@ impl<'a> LaneTask for UntilHost<'a> {
     }
 }
 
-/// Whether no point is in a mask.
+/// True if no point is in a mask.
 #[inline(always)]
 pub(super) fn is_empty(mask: &[Cell<u32>]) -> bool {
     let mut any = 0;

@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Dropped {
-    /// How many.
+    /// Their number.
     pub splats: u64,
     /// The first pixel that lacks some, row by row from the top.
     pub first_pixel: u32,

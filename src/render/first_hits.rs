@@ -236,7 +236,7 @@ impl<L: Lanes> OutlinedTask<L> for AddHit<'_, '_, L> {
 }
 
 impl<L: Lanes> AddHit<'_, '_, L> {
-    /// Whether the frame has an AOV.
+    /// True if the frame has an AOV.
     #[inline(always)]
     fn has(&self, aov: Aov) -> bool {
         self.layers.bits & aov.bit() > 0

@@ -19,7 +19,7 @@ pub(super) struct FrameLayers {
     pub aovs: AovSet,
     /// [`AovSet::bits`].
     pub bits: u32,
-    /// How the numbers of hits become integers, one for each sum.
+    /// Conversions of the numbers of hits to integers, one for each sum.
     pub columns: Vec<Column>,
     /// The topmost object above each object.
     assets: Vec<u32>,
@@ -162,7 +162,7 @@ impl LayerRecord {
         })
     }
 
-    /// Whether a film of this kind has these layers.
+    /// True if a film of this kind has these layers.
     pub fn is_of(&self, plan: &LayerPlan) -> bool {
         let Some(aovs) = self.aovs() else { return false };
         let wanted = aovs.plan(&self.names(), plan.samples);

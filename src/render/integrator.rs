@@ -21,7 +21,7 @@ pub trait Integrator: Renderer + Sized + 'static {
         self.with_frame(frame.with_pass(frame.pass().clone()).with_simd(simd))
     }
 
-    /// Whether the integrator tells which of its rays come from the camera, which layers need
+    /// True if the integrator tells which of its rays come from the camera, which layers need
     /// ([`super::HitShader::camera_sample`]).
     fn tells_camera_rays(&self) -> bool {
         false

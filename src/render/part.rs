@@ -23,7 +23,7 @@ impl Part {
         Self { region: Region::whole(settings.width, settings.height), samples: 0..settings.spp }
     }
 
-    /// Whether a frame with these settings has all of the part's samples, and the part has any.
+    /// True if a frame with these settings has all of the part's samples, and the part has any.
     pub fn is_of(&self, settings: &Settings) -> bool {
         self.region.is_within(settings.width, settings.height)
             && !self.samples.is_empty()

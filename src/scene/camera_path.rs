@@ -48,7 +48,7 @@ fn upright() -> Vec3 {
     Vec3::Y
 }
 
-/// Why a camera path is invalid.
+/// Error of an invalid camera path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraPathError {

@@ -90,7 +90,7 @@ impl Objects {
         self.list.len()
     }
 
-    /// Whether there are no objects.
+    /// True if there are no objects.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }

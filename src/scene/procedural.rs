@@ -86,7 +86,7 @@ impl ProceduralSurface {
         Self { effects: surface.effects(), surface: Arc::new(surface) }
     }
 
-    /// What [`Procedural::effects`] returned.
+    /// Effects that [`Procedural::effects`] returned.
     #[inline]
     pub fn effects(&self) -> &Effects {
         &self.effects

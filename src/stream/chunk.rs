@@ -92,7 +92,7 @@ impl Chunk {
         self.rays.len() + self.shadow_rays.len()
     }
 
-    /// Whether there is nothing to trace. No chunk of a stream is empty.
+    /// True if there is nothing to trace. No chunk of a stream is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -6,6 +6,7 @@
 mod breach;
 mod commands;
 mod dependencies;
+mod doc_lines;
 mod imports;
 mod links;
 mod lints;
@@ -13,6 +14,7 @@ mod markdown;
 mod numbers;
 mod package;
 mod pins;
+mod results;
 mod rust;
 mod sizes;
 mod text;

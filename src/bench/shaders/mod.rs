@@ -47,7 +47,7 @@ pub struct Options {
 /// Results of one surface, of one size of blocks, or of loading.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// What is measured.
+    /// Name of the row.
     pub configuration: String,
     /// Hits of a block, if the row is about one size.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,7 +68,7 @@ pub struct Row {
     pub cycles: Option<f64>,
 }
 
-/// Why shaders could not be measured.
+/// Error of measuring shaders.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShaderBenchError {

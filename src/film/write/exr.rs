@@ -143,7 +143,7 @@ fn prefix(layer: &str) -> String {
     }
 }
 
-/// Whether half-precision floats suffice for a layer.
+/// True if half-precision floats suffice for a layer.
 fn may_be_half(layer: &str) -> bool {
     matches!(layer, "normal" | "shading-normal" | "albedo" | "emission")
 }

@@ -52,7 +52,7 @@ impl Coding {
     }
 }
 
-/// Whether PNG files hold the layer of this name. Positions, texture coordinates and variances have no bounds, and
+/// True if PNG files hold the layer of this name. Positions, texture coordinates and variances have no bounds, and
 /// coverage has several ids a pixel.
 pub fn holds(layer: &str) -> bool {
     Coding::of(layer).is_some()

@@ -26,7 +26,7 @@ pub(super) struct Rest {
     pub truths: Vec<Register>,
     /// The registers of the answer.
     pub came: Vec<Register>,
-    /// Whether nothing is left to do but to hand the answer on.
+    /// True if nothing is left to do but to hand the answer on.
     pub is_nothing: bool,
 }
 

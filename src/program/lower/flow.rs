@@ -311,7 +311,7 @@ impl Lowerer<'_> {
     }
 }
 
-/// Whether a block decides about leaving a loop.
+/// True if a block decides about leaving a loop.
 fn leaves(block: &Block) -> bool {
     block.iter().any(|statement| match statement {
         Statement::Break | Statement::Return { .. } => true,

@@ -19,9 +19,9 @@ pub(in crate::program) struct HostInput<'m> {
     pub kept: &'m [u32],
     /// Scalars of the payload, which are the last inputs of the function.
     pub payload: u32,
-    /// Whether rays have been hit: not in `miss` and `resume`.
+    /// True if rays have been hit: not in `miss` and `resume`.
     pub has_hit: bool,
-    /// Whether entries may be pushed.
+    /// True if entries may be pushed.
     pub may_push: bool,
 }
 

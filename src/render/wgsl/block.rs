@@ -130,7 +130,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         }
     }
 
-    /// Whether a ray from a point is traced.
+    /// True if a ray from a point is traced.
     #[inline(always)]
     fn goes_on(&self, point: usize) -> bool {
         (self.points.onward[point] & DEPTH) <= self.frame.settings().max_bounces

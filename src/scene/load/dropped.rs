@@ -26,7 +26,7 @@ impl Dropped {
         Vec3::NAN
     }
 
-    /// Whether a face is to be dropped because it has one of these positions.
+    /// True if a face is to be dropped because it has one of these positions.
     pub(super) fn drops(&mut self, corners: impl IntoIterator<Item = Vec3>) -> bool {
         let is_dropped = self.vertices > 0 && corners.into_iter().any(|corner| corner.is_nan());
         self.faces += usize::from(is_dropped);

@@ -44,7 +44,7 @@ fn header(word: &str) -> Option<Result<(Attributes, &str), String>> {
     })
 }
 
-/// Whether a text begins as an OFF file does, after comments.
+/// True if a text begins as an OFF file does, after comments.
 pub(super) fn is_off(mut text: &[u8]) -> bool {
     while text.starts_with(b"#") {
         let end = text.iter().position(|&byte| byte == b'\n').unwrap_or(text.len());
@@ -142,7 +142,7 @@ struct Reader<'a> {
     lines: Lines<'a>,
     mesh: Mesh,
     dropped: Dropped,
-    /// Whether any colour has an alpha.
+    /// True if any colour has an alpha.
     has_alpha: bool,
 }
 

@@ -77,7 +77,7 @@ pub struct MaterialRecipe {
 pub struct Translucency {
     /// Share of the diffuse light that is transmitted instead of reflected, 0..=1.
     pub share: f32,
-    /// What remains of the transmitted light, linear Rec. 709, 0..=1. All of it by default.
+    /// Share of the transmitted light that remains, linear Rec. 709, 0..=1. All of it by default.
     #[serde(default = "white")]
     pub colour: Vec3,
 }

@@ -76,7 +76,7 @@ pub struct Recipe {
     pub shapes: Vec<Object>,
 }
 
-/// Why a recipe is invalid.
+/// Error of an invalid recipe.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecipeError {

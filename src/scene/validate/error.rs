@@ -57,7 +57,7 @@ impl fmt::Display for ScenePart {
     }
 }
 
-/// Why a scene is invalid: what is wrong, where, and what to do.
+/// Error of an invalid scene: the problem, its place, and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {

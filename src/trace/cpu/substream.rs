@@ -64,7 +64,7 @@ pub(super) fn ray_index(id: u32) -> usize {
 #[derive(Clone, Copy)]
 pub(super) struct Entry {
     pub child: Child,
-    /// Where the list starts in the arena.
+    /// Index of the list's start in the arena.
     pub start: u32,
     pub len: u32,
     /// [`OctantStack::done`] when the list was written.
@@ -83,7 +83,7 @@ pub(super) struct OctantStack {
     pub block_pairs: PairStack,
     /// Triangles whose interior a ray's line passes through, to be tested further (invariant 5).
     pub candidates: PairStack,
-    /// How many rays have been found occluded, in all sub-streams so far; wraps around.
+    /// Number of rays found occluded, in all sub-streams so far; wraps around.
     pub done: u32,
 }
 
@@ -119,13 +119,13 @@ impl OctantStack {
         self.entries.push(Entry { child: Child::ROOT, start: 0, len: len as u32, done_before: self.done });
     }
 
-    /// Whether pairs with inner nodes are visited before lists: if there are enough, or no lists.
+    /// True if pairs with inner nodes are visited before lists: if there are enough, or no lists.
     #[inline(always)]
     pub fn has_node_batch(&self) -> bool {
         self.node_pairs.len() >= if self.entries.is_empty() { 1 } else { MIN_NODE_PAIRS }
     }
 
-    /// Whether pairs with leaf blocks are visited next: if there are enough, and no nodes that could add more.
+    /// True if pairs with leaf blocks are visited next: if there are enough, and no nodes that could add more.
     #[inline(always)]
     pub fn has_block_batch(&self) -> bool {
         let len = self.block_pairs.len();

@@ -50,7 +50,7 @@ impl<'a> TreeView<'a> {
         unsafe { self.blocks.get_unchecked(child) }
     }
 
-    /// Whether a hit on a masked triangle counts.
+    /// True if a hit on a masked triangle counts.
     #[inline(always)]
     pub fn filter_accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
         self.filter.is_none_or(|filter| filter.accepts(primitive, u, v))

@@ -103,7 +103,7 @@ fn support(name: &str) -> Option<Support> {
     EXTENSIONS.iter().find(|(known, _)| *known == name).map(|&(_, support)| support)
 }
 
-/// Whether a file that requires this extension can be shown as it asks.
+/// True if a file that requires this extension can be shown as it asks.
 pub(super) fn may_be_required(name: &str) -> bool {
     matches!(support(name), Some(Full | NotVisible(_)))
 }
@@ -130,7 +130,7 @@ pub(super) fn warn_of_ignored(declared: &[String], json: &[u8], warnings: &mut W
 /// which belong to applications.
 struct Names<'a> {
     found: &'a mut BTreeSet<String>,
-    /// Whether the value is an object called `extensions`.
+    /// True if the value is an object called `extensions`.
     are_keys_names: bool,
 }
 
