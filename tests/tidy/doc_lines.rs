@@ -81,9 +81,9 @@ fn documentation_begins_with_the_noun_or_the_verb() {
 
 #[test]
 fn too_many_questions_are_counted() {
-    let text = "/// What a is.\npub struct A {\n    /// Whether it is.\n    /// More.\n    #[arg(\n        a = [1],\n    )]\n\
-                \x20   // Why.\n    pub b: bool,\n    /// How.\n    c: u8,\n}\n/// Which.\npub(crate) fn d() {}\n\
-                /// Number of e.\npub fn e() {}\n//! What it holds.\n";
+    let text = "/// What a is.\npub struct A {\n    /// Whether it is.\n    /// More.\n    #[arg(\n        a = [1],\n\
+                \x20   )]\n    // Why.\n    pub b: bool,\n    /// How.\n    c: u8,\n}\n/// Which.\n\
+                pub(crate) fn d() {}\n/// Number of e.\npub fn e() {}\n//! What it holds.\n";
     assert_eq!(questions(text), [(1, "What"), (3, "Whether")]);
     let tree = Tree::of(&[
         ("src/a/b.rs", text),
