@@ -154,7 +154,7 @@ struct Rendered {
     events: Vec<String>,
 }
 
-/// How many rays a shader works on at once.
+/// Number of rays that a shader works on at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shading {
     OneLane,

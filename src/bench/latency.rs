@@ -63,7 +63,7 @@ pub struct Times {
     pub worst: f64,
 }
 
-/// How queries are asked.
+/// Way in which queries are asked.
 struct Client {
     name: &'static str,
     priority: Priority,

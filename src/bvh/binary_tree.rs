@@ -172,7 +172,7 @@ impl InnerNodes {
         if of.is_reinserted() { self.reinserted[of.index()].bounds } else { self.built[of.index()].bounds() }
     }
 
-    /// What the plan does with a subtree.
+    /// Choice of the plan for a subtree.
     #[inline]
     fn choice(&self, of: Subtree) -> Choice {
         match of.count {
@@ -211,7 +211,7 @@ impl InnerNodes {
     }
 }
 
-/// What is known of a subtree once it is built.
+/// Facts about a subtree that has been built.
 #[derive(Debug)]
 pub(super) struct BuiltSubtree {
     pub plan: CollapsePlan,

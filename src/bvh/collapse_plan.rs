@@ -94,7 +94,7 @@ impl Costs {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CollapsePlan([f32; WIDTH]);
 
-/// What the cheapest plan does with a binary node.
+/// Choice of the cheapest plan for a binary node.
 ///
 /// Bit 31: as one child, its primitives are a leaf block. Bits `3 (c - 2)` to `3 (c - 2) + 2`, for `c` = 2 to
 /// 8: how many of `c` children go to the left subtree, or 0 if `c - 1` children are as good.

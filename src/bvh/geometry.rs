@@ -1,4 +1,4 @@
-//! Which meshes a tree can be built over.
+//! Checks of the meshes that a tree is built over.
 
 use super::leaf_block::max_words;
 use crate::geom::MAX_COORDINATE;

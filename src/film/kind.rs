@@ -1,4 +1,4 @@
-//! What films must share to be added up.
+//! Properties that films must share to be added up.
 
 use super::accumulation::{MAX_FRACTION_BITS, MIN_FRACTION_BITS};
 use super::{Film, LayerPlan};

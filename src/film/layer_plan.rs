@@ -1,4 +1,4 @@
-//! What a film holds besides radiance.
+//! Layers that a film holds besides radiance.
 
 use super::coverage_counts::CoverageCounts;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What a film holds besides radiance, as its plan says.
+//! Sums of the layers that a film holds besides radiance, as its plan says.
 
 use super::accumulation::{Counts, Film, Sums, take};
 use super::coverage_counts::CoverageCounts;
@@ -35,7 +35,7 @@ struct Centre {
     material: AtomicU32,
 }
 
-/// What neighbouring pixels hold.
+/// Layers of neighbouring pixels.
 struct PixelLayers<'a> {
     sums: &'a [AtomicI64],
     half: &'a [AtomicI64],

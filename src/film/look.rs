@@ -1,4 +1,4 @@
-//! How a picture is shown: exposure, white balance and view transform. Files of linear radiance have none of it.
+//! Display of a picture: exposure, white balance and view transform. Files of linear radiance have none of it.
 
 use super::view::times;
 use super::{Image, View};

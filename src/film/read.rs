@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub enum Content {
     /// Linear Rec. 709 radiance: EXR, HDR and NPY files.
     Radiance(Image),
-    /// What a display shows, in sRGB from 0 to 1: PNG files.
+    /// Values that a display shows, in sRGB from 0 to 1: PNG files.
     Shown(Image),
 }
 
@@ -54,7 +54,7 @@ pub enum ReadError {
     NotRead {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }

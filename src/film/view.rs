@@ -113,7 +113,7 @@ fn punchy(shown: [f32; 3]) -> [f32; 3] {
 }
 
 fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
-    /// Where compression starts: 0.8 less the reflectance of a dielectric at normal incidence.
+    /// Start of compression: 0.8 less the reflectance of a dielectric at normal incidence.
     const START: f32 = 0.8 - 0.04;
     const DESATURATION: f32 = 0.15;
     let least = radiance.into_iter().fold(f32::MAX, f32::min);

@@ -1,4 +1,4 @@
-//! What all kinds of shaders have in common: a file, its parameters, and a hash.
+//! Common part of all kinds of shaders: a file, its parameters, and a hash.
 
 #[cfg(feature = "gpu")]
 use super::code::Code;

@@ -18,7 +18,7 @@ pub struct Parameter {
     pub kind: &'static str,
     /// True if it has a default, so that it need not be set.
     pub has_default: bool,
-    /// Where it is defined.
+    /// Place of its definition.
     pub(super) span: Span,
 }
 

@@ -52,7 +52,7 @@ impl Columns {
         self.program = program;
     }
 
-    /// Where the words of a register start, and whether it is a constant.
+    /// Start of a register's words, and true if it is a constant.
     #[inline(always)]
     fn place(&self, register: Register) -> (usize, bool) {
         let (register, constants) = (register as usize, self.constants);

@@ -14,7 +14,7 @@ const MAX_NESTING: usize = 64;
 /// The most operators, dots and brackets of a statement. Each may be a level of its expression's tree.
 const MAX_OPERATORS: usize = 512;
 
-/// What is wrong with a shader, and where.
+/// Fault of a shader, and its place.
 #[derive(Clone, Debug)]
 pub(super) struct Fault {
     span: Span,

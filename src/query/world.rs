@@ -82,7 +82,7 @@ pub enum WorldError {
     Transform {
         /// Index of the instance.
         instance: usize,
-        /// What is wrong with its transform.
+        /// The error of its transform.
         source: PlacementError,
     },
     /// A moved mesh leaves the range of coordinates.

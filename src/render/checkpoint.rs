@@ -81,7 +81,7 @@ struct Header {
     noise: bool,
 }
 
-/// What the header says about an unfinished pass.
+/// Header's part about an unfinished pass.
 #[derive(Serialize, Deserialize)]
 struct PassHeader {
     blocks: Vec<u32>,

@@ -1,4 +1,4 @@
-//! Which materials made splats that the film dropped.
+//! Materials that made splats that the film dropped.
 
 use super::Frame;
 use crate::film::Film;

@@ -1,4 +1,4 @@
-//! What camera rays hit first: the layers of a frame besides radiance.
+//! First hits of camera rays: the layers of a frame besides radiance.
 
 use super::aov::{Aov, COUNTS};
 use super::frame_layers::{Column, FrameLayers};

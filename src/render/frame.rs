@@ -462,7 +462,7 @@ struct PatchRays<'a, O, E> {
     emit: &'a mut E,
 }
 
-/// What makes camera rays. A pinhole has code of its own.
+/// Source of camera rays. A pinhole has code of its own.
 trait Optics {
     /// True if there is a ray through every point of the picture.
     const SEES_ALL: bool;

@@ -25,7 +25,7 @@ pub(super) struct FrameLayers {
     assets: Vec<u32>,
 }
 
-/// How numbers become integers.
+/// Conversion of numbers to integers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Column {
     /// The greatest magnitude; greater ones are clamped.
@@ -136,7 +136,7 @@ impl Developer {
     }
 }
 
-/// What the layers of a film are made with, for files: the scene's names and the lens, but no geometry.
+/// Origin of a film's layers, for files: the scene's names and the lens, but no geometry.
 #[cfg(feature = "formats")]
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

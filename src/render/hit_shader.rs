@@ -56,13 +56,13 @@ use std::sync::Arc;
 /// # type Distances = HitShading<Distance>;
 /// ```
 pub trait HitShader: Send + Sync + Sized + 'static {
-    /// What travels with a ray: its pixel, for instance.
+    /// Payload that travels with a ray: its pixel, for instance.
     type Payload: Pod + Send + Sync;
 
-    /// What travels with a shadow ray. [`super::Contribution`] serves most shaders.
+    /// Payload that travels with a shadow ray. [`super::Contribution`] serves most shaders.
     type ShadowPayload: Pod + Send + Sync;
 
-    /// What the paths of a frame share while it is rendered: `()`, or a [`LoopStack`].
+    /// Memory that the paths of a frame share while it is rendered: `()`, or a [`LoopStack`].
     type Memory: PathMemory;
 
     /// The largest setting of max bounces.

@@ -56,7 +56,7 @@ impl Part {
         rest
     }
 
-    /// What is left of the part without another: at most six parts.
+    /// Parts that are left of this one without another: at most six.
     fn minus(self, other: &Self) -> Vec<Self> {
         let Some(hole) = self.overlap(other) else { return vec![self] };
         let (columns, rows, samples) = (self.region.columns(), self.region.rows(), self.samples.clone());

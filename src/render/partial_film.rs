@@ -35,7 +35,7 @@ pub struct PartialFilmHeader {
     height: u32,
     spp: u32,
     kind: FilmKind,
-    /// What its layers are made with, if it has any.
+    /// Origin of its layers, if it has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     layers: Option<LayerRecord>,
     /// Bytes of the film before compression.

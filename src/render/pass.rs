@@ -110,7 +110,7 @@ impl Pass {
         Self { centres, ..self }
     }
 
-    /// What is left of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
+    /// Rest of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
     pub(super) fn after(&self, tiles: u64) -> Option<Self> {
         (tiles <= self.tiles()).then(|| Self { taken: self.taken + tiles, ..self.clone() })
     }

@@ -21,7 +21,7 @@ pub struct CameraPath {
     keys: Vec<Key>,
 }
 
-/// How a camera moves between two keys.
+/// Movement of a camera between two keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Interpolation {

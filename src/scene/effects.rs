@@ -1,4 +1,4 @@
-//! What a procedural surface computes beside the reflection of light.
+//! Effects that a procedural surface computes beside the reflection of light.
 
 /// Effects that a [`super::Procedural`] computes beside colour, metal, roughness and clear coat. Others cost nothing.
 /// Values of [`super::Finish`] that are computed without being declared here fail the job with a message.

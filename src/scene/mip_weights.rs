@@ -1,4 +1,4 @@
-//! What mipmap levels average, by the texture's use.
+//! Averages of mipmap levels, by the texture's use.
 
 use super::{AlphaMode, Channel, Scene, Surface};
 use serde::{Deserialize, Serialize};

@@ -94,7 +94,7 @@ impl Mipmap {
         self.levels.iter().all(is_inside) && self.levels.first().is_none_or(is_of_image)
     }
 
-    /// What a texel of a level averages.
+    /// Average that a texel of a level holds.
     #[inline]
     pub(super) fn mean(&self) -> Averaging {
         self.mean

@@ -164,7 +164,7 @@ impl Scene {
         Shared::is_same(&self.mesh, &other.mesh) && Shared::is_same(&self.shapes, &other.shapes)
     }
 
-    /// Whether each material has an alpha mode other than opaque.
+    /// For each material, true if its alpha mode is not opaque.
     pub(crate) fn masked_materials(&self) -> Vec<bool> {
         self.materials.iter().map(|material| material.alpha.mode.is_masked()).collect()
     }

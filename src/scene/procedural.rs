@@ -54,7 +54,7 @@ pub trait Procedural: Debug + Send + Sync + 'static {
     /// The finish of the surface at these points.
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L>;
 
-    /// What [`Procedural::finish`] computes of emission, opacity, normals and transmission. By default nothing.
+    /// Effects that [`Procedural::finish`] computes of emission, opacity, normals and transmission. By default nothing.
     fn effects(&self) -> Effects {
         Effects::default()
     }

@@ -52,7 +52,7 @@ pub struct Traced {
 /// `S` that of shadow rays.
 #[derive(Debug)]
 pub struct RayStream<State, P, S> {
-    /// What tracers use. Shared with chunks in the state [`Tracing`] only.
+    /// Data that tracers use. Shared with chunks in the state [`Tracing`] only.
     data: Arc<StreamData>,
     payloads: Vec<P>,
     shadow_payloads: Vec<S>,

@@ -42,7 +42,7 @@ pub enum EmbreeError {
     /// An Embree call failed.
     #[error("Embree could not {action}: error {code}")]
     Refused {
-        /// What the call was for.
+        /// Purpose of the call.
         action: &'static str,
         /// Embree's error code.
         code: c_int,

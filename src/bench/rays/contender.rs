@@ -1,4 +1,4 @@
-//! Who takes part, and with which rays.
+//! Contenders, and the rays of each.
 
 use super::{Kind, Order, Workload};
 use crate::stream::{DeviceError, Ray};

@@ -1,4 +1,4 @@
-//! How pictures are encoded.
+//! Encoding of pictures.
 
 use super::layer_png;
 

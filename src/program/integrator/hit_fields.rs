@@ -1,4 +1,4 @@
-//! What `hit` is told about a surface: the fields of the struct `Hit`.
+//! Facts that `hit` is told about a surface: the fields of the struct `Hit`.
 
 use crate::scene::FieldType;
 

@@ -16,7 +16,7 @@ use std::ops::Range;
 /// The most calls of `trace` of a function, loops unrolled.
 pub(super) const MOST_TRACES: usize = 32;
 
-/// What is left to do behind a call of `trace`, or a whole function.
+/// Work that is left behind a call of `trace`, or a whole function.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rest {
     pub code: Code,
@@ -192,7 +192,7 @@ impl<'a> Splitter<'a> {
         }
     }
 
-    /// What is known at a point that has waited at a call of `trace`: the masks around it.
+    /// Values known at a point that has waited at a call of `trace`: the masks around it.
     fn known_at(&self, trace: usize) -> HashMap<Register, Scalar> {
         let mut known = HashMap::new();
         let Instruction::Host { mask, .. } = self.code.instructions[trace] else { return known };

@@ -8,7 +8,7 @@ use crate::program::source::Fault;
 use naga::{Block, Expression, Handle, Span, Statement, SwitchCase, SwitchValue};
 use std::collections::BTreeSet;
 
-/// Whether a block goes on.
+/// Way in which a block ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Flow {
     /// Some points may reach what follows.

@@ -12,7 +12,7 @@ use crate::program::source::Fault;
 use naga::{Function, Handle, Span};
 use std::rc::Rc;
 
-/// What host functions need while a function is lowered.
+/// Inputs of host functions while a function is lowered.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::program) struct HostInput<'m> {
     /// The scalars of entry and payload that `resume` reads: what a pushed entry keeps.

@@ -53,7 +53,7 @@ impl Scalar {
     }
 }
 
-/// What an expression denotes.
+/// Value that an expression denotes.
 #[derive(Clone, Debug)]
 enum Value {
     /// Its scalars: the components of a vector, the members of a struct, ..
@@ -119,7 +119,7 @@ pub(super) struct Input<'m> {
     pub host: Option<HostInput<'m>>,
 }
 
-/// What is known of a scalar of the result.
+/// Facts about a scalar of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Output {
     /// It is this word at all points.
@@ -155,7 +155,7 @@ struct Lowerer<'m> {
     waits: bool,
     /// Effects so far.
     counts: Counts,
-    /// What host functions were asked, at which points, and their results.
+    /// Calls of host functions, with their points and results.
     asked: Vec<Asked>,
 }
 

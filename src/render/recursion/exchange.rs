@@ -21,7 +21,7 @@ pub(super) struct PathId {
     pub target: u32,
 }
 
-/// What a call waits for.
+/// Request that a call waits for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Request {
     /// The hit of this ray, and the answers of the shadow rays emitted with it.

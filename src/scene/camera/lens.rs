@@ -21,7 +21,7 @@ pub struct Lens {
     aperture: Option<Aperture>,
 }
 
-/// How pixels are converted.
+/// Conversion of pixels.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 enum Form {
     Central(Pinhole),

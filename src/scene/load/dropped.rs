@@ -4,12 +4,12 @@ use super::warnings::Warnings;
 use crate::geom::MAX_COORDINATE;
 use glam::Vec3;
 
-/// What was dropped from a file so far.
+/// Faces and vertices dropped from a file so far.
 #[derive(Debug, Default)]
 pub(super) struct Dropped {
     vertices: usize,
     faces: usize,
-    /// Where the first of the vertices is.
+    /// Place of the first of the vertices.
     first: Option<String>,
 }
 

@@ -122,7 +122,7 @@ pub enum LoadProblem {
     Empty {
         /// The file.
         path: PathBuf,
-        /// What was left out, one sentence each.
+        /// Things that were left out, one sentence each.
         reasons: Vec<String>,
     },
     /// The scene needs more memory than the budget allows ([`super::LoadOptions::with_memory`]).

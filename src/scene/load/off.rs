@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3, Vec4};
 /// Bytes of the shortest line of a vertex and of a face.
 const SHORTEST_LINES: [u64; 2] = [6, 4];
 
-/// What the vertices of a file have beside their position, in this order.
+/// Attributes of a file's vertices beside their position, in this order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Attributes {
     normals: bool,
@@ -77,7 +77,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     Ok(plain::scene(mesh, plain::one_object(&path), has_alpha, &mut session.warnings))
 }
 
-/// What is wrong: with the line that was read last, or as a whole.
+/// Problem of the line that was read last, or of the whole.
 enum Problem {
     Here(String),
     Load(LoadProblem),

@@ -1,4 +1,4 @@
-//! What a caller may ask of the loaders.
+//! Options of the loaders.
 
 use crate::memory::MemoryBudget;
 use std::path::{Component, Path, PathBuf};

@@ -205,7 +205,7 @@ impl<'a> Words<'a> {
         Some(word)
     }
 
-    /// What is left of the line, without blanks around it.
+    /// Rest of the line, without blanks around it.
     fn rest_of_line(&mut self) -> &'a str {
         let (line, _) = self.rest.split_once('\n').unwrap_or((self.rest, ""));
         self.rest = &self.rest[line.len()..];

@@ -18,7 +18,7 @@ pub(super) enum Source {
     File(PathBuf),
     /// An image inside the scene file, numbered by the loader.
     Embedded(usize),
-    /// What stands in for images that are missing or broken.
+    /// Stand-in for images that are missing or broken.
     StandIn,
 }
 

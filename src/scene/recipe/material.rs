@@ -251,7 +251,7 @@ impl MaterialRecipe {
         within("ior", ior.unwrap_or(1.0), 1.0, 4.0)
     }
 
-    /// What is given but has no effect on the kind of surface, as the rest of a sentence.
+    /// Fields that are given but have no effect on the kind of surface, as the rest of a sentence.
     pub(super) fn unused(&self) -> Option<String> {
         let (kind, layered) = match (self.ior, self.mirror, self.roughness) {
             (Some(_), ..) => ("glass", false),

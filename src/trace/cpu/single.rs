@@ -88,7 +88,7 @@ impl Accept for Where<'_> {
     }
 }
 
-/// What the search for a ray's hit has found so far.
+/// Search for a ray's hit, with what it has found so far.
 pub(super) struct Search<'a, A> {
     pub best: Hit,
     /// Index of the ray.

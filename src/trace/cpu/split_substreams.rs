@@ -1,4 +1,4 @@
-//! How a slice of rays is split into sub-streams.
+//! Splitting of a slice of rays into sub-streams.
 //!
 //! Rays that share an origin are traced as packets, which is faster. In a frame's streams, camera rays follow the rays
 //! that paths left behind, so a run of rays with one origin becomes a sub-stream of its own. The split affects speed

@@ -30,7 +30,7 @@ pub(super) struct Widths<W, E> {
     pub eight: E,
 }
 
-/// What the box tests need of a ray. See [`crate::geom::CanonicalRay`], whose `near` and `far` are
+/// Data of a ray for the box tests. See [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`.
 ///
 /// A row is as small as the ray itself, which remains in the caller's memory: most visits are to inner nodes, and a
@@ -141,7 +141,7 @@ pub(super) fn entry_capacity(depth: usize) -> usize {
     (WIDTH - 1) * depth + WIDTH + 2
 }
 
-/// Where a traversal writes its answers, which are misses beforehand.
+/// Place to which a traversal writes its answers, which are misses beforehand.
 pub(super) enum Answers<'a> {
     /// Of closest-hit queries.
     Hits(&'a mut [Hit]),
@@ -276,7 +276,7 @@ pub(super) unsafe fn prefetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *con
     }
 }
 
-/// What visits the pending lists and pairs of an octant.
+/// Visitor of the pending lists and pairs of an octant.
 pub(super) trait Visitor {
     /// Makes the next visits of an octant; `false` if none were pending.
     ///

@@ -1,4 +1,4 @@
-//! What a traversal reads of a tree, and prefetches from it.
+//! Parts of a tree that a traversal reads and prefetches.
 //!
 //! Unsafe code, because nodes and blocks are read without bounds checks. Invariant 4 (numbered as in `substream`):
 //! children that a traversal visits are children of the tree's nodes, or its root. `Bvh` builds trees whose children

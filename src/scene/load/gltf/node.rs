@@ -75,7 +75,7 @@ struct WorldNode<'a> {
     parent: Option<u32>,
     /// True if its mesh and its light are shown.
     visible: bool,
-    /// Where its mesh is shown, if it is not shown once.
+    /// Places at which its mesh is shown, if it is not shown once.
     instancing: Option<Instancing<'a>>,
 }
 
