@@ -117,8 +117,7 @@ impl<L: Lanes> Slabs<L> {
     }
 
     /// Distances at which a ray, the same in all eight lanes, enters and leaves the box of each slot, cut off at 0 and
-    /// at
-    /// `limit`.
+    /// at `limit`.
     #[inline(always)]
     pub(super) fn clamped_distances(&self, l: L, faces: &Faces<'_>, limit: L::F) -> (L::F, L::F) {
         let (near, far) = Faces::load_pair(l, &[*faces; 2]);
