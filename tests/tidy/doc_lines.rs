@@ -37,7 +37,7 @@ fn questions(text: &str) -> Vec<(usize, &str)> {
             })
         {}
         let public = lines.peek().is_some_and(|(_, item)| item.starts_with("pub "));
-        let word = first.split_whitespace().next().unwrap_or_default();
+        let word = first.split_whitespace().next().unwrap_or_default().trim_end_matches(['.', ',', ':', ';']);
         if public && QUESTIONS.contains(&word) {
             found.push((index + 1, word));
         }
