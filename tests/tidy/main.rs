@@ -10,6 +10,7 @@ mod doc_lines;
 mod imports;
 mod links;
 mod lints;
+mod lists;
 mod markdown;
 mod numbers;
 mod package;
