@@ -1,4 +1,4 @@
-//! Lists in documents that name all there is: commands of the command line, features of the package.
+//! Documents that name all there is: commands of the command line and their options, features of the package.
 
 use super::breach::Breach;
 use super::markdown::{names, tables};
@@ -8,6 +8,8 @@ use raystream::cli::Registry;
 
 /// The page of all commands.
 const COMMANDS: &str = "docs/guide/command-line.md";
+/// The folder of the pages that name their options.
+const GUIDES: &str = "docs/guide/";
 /// The pages with a table of features.
 const FEATURES: [&str; 2] = ["CONTRIBUTING.md", "src/lib.rs"];
 
@@ -25,6 +27,16 @@ fn commands(of: &clap::Command, before: &str, found: &mut Vec<String>) {
     }
 }
 
+/// Options of commands that users meet. Those of `bench` stand in its help alone.
+fn options(of: &clap::Command, found: &mut Vec<String>) {
+    let arguments = of.get_arguments().filter(|argument| !argument.is_hide_set());
+    let named = arguments.filter_map(clap::Arg::get_long).filter(|name| !["help", "version"].contains(name));
+    found.extend(named.map(str::to_string));
+    let below =
+        of.get_subcommands().filter(|command| !command.is_hide_set() && command.get_name() != "bench");
+    below.for_each(|command| options(command, found));
+}
+
 /// Features of a manifest but `default`.
 fn features(manifest: &str) -> Vec<String> {
     let section = manifest.split("\n[features]\n").nth(1).unwrap_or_default();
@@ -33,7 +45,7 @@ fn features(manifest: &str) -> Vec<String> {
     name.captures_iter(section).map(|found| found[1].to_string()).filter(|name| name != "default").collect()
 }
 
-fn breaches(tree: &Tree, commands: &[String]) -> Vec<Breach> {
+fn breaches(tree: &Tree, commands: &[String], options: &[String]) -> Vec<Breach> {
     let mut breaches = Vec::new();
     let spaced = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
     let page = spaced(tree.text(COMMANDS));
@@ -41,6 +53,13 @@ fn breaches(tree: &Tree, commands: &[String]) -> Vec<Breach> {
         let listed = regex(&format!(r"(?:raystream |`){}\b", regex::escape(command)));
         if !listed.is_match(&page) {
             breaches.push(Breach::new(COMMANDS, 1, format!("the command `{command}` is not listed")));
+        }
+    }
+    let guides = tree.with_extension("md").filter(|(path, _)| path.starts_with(GUIDES));
+    let guides: String = guides.flat_map(|(_, text)| [text, "\n"]).collect();
+    for option in options {
+        if !regex(&format!(r"--{}(?:[^\w-]|$)", regex::escape(option))).is_match(&guides) {
+            breaches.push(Breach::new(COMMANDS, 1, format!("no guide names the option `--{option}`")));
         }
     }
     let features = features(tree.text("Cargo.toml"));
@@ -61,13 +80,16 @@ fn lists_name_all_there_is() {
     let mut all = Vec::new();
     commands(&Registry::built_in().command(), "", &mut all);
     assert!(all.iter().any(|command| command == "render"), "{all:?}");
-    super::breach::assert_none("lists", breaches(Tree::repository(), &all));
+    let mut named = Vec::new();
+    options(&Registry::built_in().command(), &mut named);
+    super::breach::assert_none("lists", breaches(Tree::repository(), &all, &named));
 }
 
 #[test]
 fn what_a_list_lacks_is_named() {
     let tree = Tree::of(&[
-        (COMMANDS, "raystream  render SCENE\n| `bench rays` | x |\n"),
+        (COMMANDS, "raystream  render SCENE\n| `bench rays` | x |\n`--spp-most 3`\n"),
+        ("docs/guide/b.md", "**--noise X**"),
         (
             "Cargo.toml",
             "[package]\n\n[features]\ndefault = [\"a\"]\na = []\nb = [\n  \"c\",\n]\n\n[dependencies]\nd = 1\n",
@@ -79,7 +101,9 @@ fn what_a_list_lacks_is_named() {
     let expected = [
         ("docs/guide/command-line.md:1", "`bench build`"),
         ("docs/guide/command-line.md:1", "`trace`"),
+        ("docs/guide/command-line.md:1", "`--spp`"),
         ("src/lib.rs:1", "`b`"),
     ];
-    super::breach::assert_named(&breaches(&tree, &commands), &expected);
+    let options = ["spp", "noise", "spp-most"].map(String::from);
+    super::breach::assert_named(&breaches(&tree, &commands, &options), &expected);
 }
