@@ -5,12 +5,12 @@
     python scripts/results.py docs/results/build.md build glass.json "LABEL=MORE.json" ..
 
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
-command, the machine and the table. NAME's first word says which table: `rays` (`rays query`, `rays service` for these
-two), `contenders`, `threads`, `small`, `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`,
-`profiles`, `schedule`, `latency`, `rtrt`, `live`, `livefarm`, `livelinks`, `service`, `plan`, `plancheck` or
-`farmspeed`; further words only distinguish two blocks of a page. Tables over scenes take files of one machine and one
-build, with one scene or several in each. A scene is called what its file is called, or LABEL where there is one in the
-file.
+command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `threads`, `small`,
+`build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`, `profiles`, `schedule`, `latency`,
+`rtrt`, `live`, `livefarm`, `livelinks`, `service`, `plan`, `plancheck` or `farmspeed`; further words only distinguish
+two blocks of a page. A page without the two lines gets them at its end, with the table. Tables over scenes take files
+of one machine and one build, with one scene or several in each. A scene is called what its file is called, or LABEL
+where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -143,14 +143,6 @@ PLAIN = {
         ("1 M, s", "build_s", 1, "{:.2f}"),
         ("closest, s", "closest_s", 1, "{:.2f}"),
         ("frame, s", "frame_s", 1, "{:.2f}"),
-    ],
-    "queries": [
-        ("query", "configuration", None, "{}"),
-        ("frames", "frames", None, "{}"),
-        ("rays", "rays", None, "{}"),
-        ("median, µs", "latency_us.p50", 1, "{:.1f}"),
-        ("p99, µs", "latency_us.p99", 1, "{:.1f}"),
-        ("slowest, µs", "latency_us.worst", 1, "{:.1f}"),
     ],
     "beside": [
         ("a frame", "configuration", None, "{}"),
@@ -297,32 +289,45 @@ def kinds_of(rows):
     return [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
 
 
-def rays(rows, part):
-    """Scenes by kinds of rays: speed of raystream's tracer (or `query`, `service`), and ratio to each peer's best."""
-    part = [word for word in part if word in ("query", "service")]
-    groups, kinds, unit = scenes(rows), kinds_of(rows), " ".join(["raystream", *part])
-    peers = {"embree": "Embree's fastest mode", "embree_robust": "Embree's fastest robust mode", "obvhs": "obvhs"}
-    blocks = []
-    # The peers' modes differ as much beside the tracer; one table says what the way to it costs.
-    for peer, title in list(peers.items())[: 1 if part else None]:
-        columns, cells = {kind: [] for kind in kinds}, []
-        for name, group in groups.items():
-            line = [name]
-            for kind in kinds:
-                row = fastest(group, kind, unit)
-                ratio = row and row["ratio"].get(peer)
-                columns[kind] += [ratio] if ratio else []
-                line.append(f"{row['mray_per_s']['median']:.1f} ({ratio:.2f})" if ratio else "")
-            cells.append(line)
-        if not any(columns.values()):
-            continue
-        for of, name in [(geometric_mean, "geometric mean of the ratios"), (min, "least ratio")]:
-            cells.append([name] + [f"{of(column):.2f}" if column else "" for column in columns.values()])
-        heading = f"Mray/s of {unit} (times as fast as {title}):"
-        blocks.append(heading + "\n\n" + table(["scene", *(KINDS[kind] for kind in kinds)], cells))
-    if not blocks:
-        sys.exit(f"no row of {unit!r} has a ratio to a peer")
-    return "\n\n".join(blocks)
+def rays(rows, _):
+    """Scenes by kinds of rays beside Embree's fastest mode; then means and leasts of the other comparisons."""
+    groups, kinds = scenes(rows), kinds_of(rows)
+
+    def ratios(unit, peer):
+        """Of each kind, the ratios in the scenes that have one."""
+        best = {kind: [fastest(group, kind, unit) for group in groups.values()] for kind in kinds}
+        return {kind: [row["ratio"][peer] for row in of if row and peer in row["ratio"]] for kind, of in best.items()}
+
+    first = ratios("raystream", "embree")
+    if not all(first.values()):
+        sys.exit("no row of 'raystream' has a ratio to Embree: measure with --embree")
+    cells = []
+    for name, group in groups.items():
+        best = [fastest(group, kind, "raystream") for kind in kinds]
+        cells.append([name] + [f"{row['mray_per_s']['median']:.1f} ({row['ratio']['embree']:.2f})" for row in best])
+    for of, name in [(geometric_mean, "geometric mean of the ratios"), (min, "least ratio")]:
+        cells.append([name] + [f"{of(first[kind]):.2f}" for kind in kinds])
+    titles = [KINDS[kind] for kind in kinds]
+    scene_table = table(["scene", *titles], cells)
+
+    cells = []
+    for unit, peer, name in [
+        ("raystream", "embree_robust", "tracer, Embree's fastest robust mode"),
+        ("raystream query", "embree", "`query`, Embree's fastest mode"),
+        ("raystream service", "embree", "service, Embree's fastest mode"),
+        ("raystream", "obvhs", "tracer, obvhs"),
+    ]:
+        of = ratios(unit, peer)
+        if all(of.values()):
+            count = len(next(iter(of.values())))
+            cells.append([name, str(count)] + [f"{geometric_mean(of[k]):.2f} ({min(of[k]):.2f})" for k in kinds])
+    other = table(["raystream's unit, beside", "scenes", *titles], cells) if cells else ""
+    headings = [
+        "Mray/s of raystream's tracer (times as fast as Embree's fastest mode):",
+        "Geometric means of other ratios (least):",
+    ]
+    tables = [scene_table, other]
+    return "\n\n".join(f"{heading}\n\n{body}" for heading, body in zip(headings, tables) if body)
 
 
 def contenders(rows, _):
@@ -423,10 +428,19 @@ def rtrt(rows, _):
 
 
 def latency(rows, _):
-    """Times of queries, then the speed of a frame beside an interactive client."""
-    parts = {"queries": "latency_us", "beside": "mray_per_s"}
-    parts = {name: [row for row in rows if key in row] for name, key in parts.items()}
-    return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
+    """Times of queries by their rays, then the speed of a frame beside an interactive client."""
+    queries = [row for row in rows if "latency_us" in row]
+    counts = list(dict.fromkeys(row["rays"] for row in queries))
+    lines = {}
+    for row in queries:
+        spread = row["latency_us"]
+        time = f"{spread['p50']:.1f} ({spread['p99']:.1f})"
+        lines.setdefault((row["configuration"], str(row["frames"])), {})[row["rays"]] = time
+    cells = [[*name] + [of.get(count, "") for count in counts] for name, of in lines.items()]
+    titles = ["query", "frames", *(f"{count} ray{'s' if count > 1 else ''}" for count in counts)]
+    beside = [row for row in rows if "mray_per_s" in row]
+    times = ["Microseconds, median (p99):\n\n" + table(titles, cells)] if queries else []
+    return "\n\n".join(times + ([plain("beside", beside)] if beside else []))
 
 
 def service(rows, _):
@@ -507,7 +521,9 @@ def block(args, sheets):
     if layout in OTHERS:
         body = OTHERS[layout](rows, part)
     elif layout in PLAIN:
-        body = plain(layout, rows)
+        # A plot has the sizes between.
+        kept = [row for row in rows if layout != "plan" or str(row["machines"]).strip("0") == "1"]
+        body = plain(layout, kept)
     else:
         sys.exit(f"there is no table called {layout}")
     machines = {json.dumps(sheet["machine"]) for sheet in sheets}
@@ -533,6 +549,8 @@ def main():
     args = parser.parse_args()
     text = args.page.read_text()
     begin, end = f"<!-- begin: {args.name} -->", f"<!-- end: {args.name} -->"
+    if begin not in text and end not in text:
+        text = f"{text.rstrip()}\n\n{begin}\n{end}\n"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         sys.exit(f"{args.page} has no block between {begin} and {end}")
     before, rest = text.split(begin)

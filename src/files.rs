@@ -18,7 +18,7 @@ pub struct NotWritten {
 /// The most symbolic links that are followed, as on Linux.
 const MAX_LINKS: usize = 40;
 
-/// What a path to be written names, symbolic links followed.
+/// Target of a path to be written, symbolic links followed.
 enum Destination {
     /// A regular file of this path, or none yet.
     Regular(PathBuf),

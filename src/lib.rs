@@ -52,6 +52,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! |---|---|
 //! | `query` | rays on a mesh: [`query`] and what it stands on; 20-odd crates |
 //! | `render` | scenes, shading, integrators, films, the scheduler |
+//! | `wgsl` | surfaces and integrators in WGSL |
 //! | `formats` | scene files (OBJ, glTF, PLY, recipes) and image files |
 //! | `gpu` | the wgpu tracer |
 //! | `bench` | what `raystream bench` measures, and its peers |
@@ -160,7 +161,7 @@ pub mod farm;
 #[cfg(feature = "cli")]
 pub mod cli;
 
-/// What most programs that render use: `use raystream::prelude::*`.
+/// Names that most programs that render use: `use raystream::prelude::*`.
 #[cfg(feature = "render")]
 pub mod prelude {
     pub use crate::engine::{PreparedScene, UnitChoice, Units};

@@ -27,7 +27,7 @@ pub enum OutOfMemory {
     /// More is needed than the budget allows.
     #[error("{what} needs {} of memory, but at most {} may be used", readable(*needed), readable(*allowed))]
     OverBudget {
-        /// What needs the memory.
+        /// Purpose of the memory.
         what: String,
         /// The bytes that are needed.
         needed: u64,
@@ -37,7 +37,7 @@ pub enum OutOfMemory {
     /// The system does not give it.
     #[error("{what} needs {} of memory, which the system does not give", readable(*needed))]
     Refused {
-        /// What needs the memory.
+        /// Purpose of the memory.
         what: String,
         /// The bytes that are needed.
         needed: u64,
@@ -99,7 +99,7 @@ fn physical() -> Option<u64> {
     kibibytes(&text, "MemTotal:")
 }
 
-/// What may still be mapped into the address space (`ulimit -v`).
+/// Bytes that may still be mapped into the address space (`ulimit -v`).
 fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
     let limit = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;

@@ -8,7 +8,7 @@ use glam::Vec3;
 use serde::Serialize;
 use std::time::Instant;
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Rounds; each builder builds once a round.

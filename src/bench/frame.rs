@@ -95,7 +95,7 @@ pub struct Row {
     pub joules: BTreeMap<String, f64>,
     /// The picture's hash, the same in every round.
     pub hash: String,
-    /// What failed on the way, one sentence each.
+    /// Failures on the way, one sentence each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<String>,
 }
@@ -112,7 +112,7 @@ pub struct Report {
     pub differing: Vec<(&'static str, String)>,
 }
 
-/// Why a frame could not be measured.
+/// Error of measuring a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameError {
     /// A setting is out of range.
@@ -154,7 +154,7 @@ struct Rendered {
     events: Vec<String>,
 }
 
-/// How many rays a shader works on at once.
+/// Number of rays that a shader works on at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shading {
     OneLane,

@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The frames beside which queries are asked. They are cancelled in the end, so they should be long.
@@ -32,7 +32,7 @@ pub struct Options {
 /// Times of one kind of query, or the speed of a frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// How queries are asked, or what a frame runs beside.
+    /// Way in which queries are asked, or what a frame runs beside.
     pub configuration: &'static str,
     /// Frames submitted.
     pub frames: usize,
@@ -63,11 +63,11 @@ pub struct Times {
     pub worst: f64,
 }
 
-/// How queries are asked.
+/// Way in which queries are asked.
 struct Client {
     name: &'static str,
     priority: Priority,
-    /// Whether the calling thread may trace them.
+    /// True if the calling thread may trace them.
     by_caller: bool,
 }
 
@@ -91,7 +91,7 @@ pub struct Bench<'a> {
     pub prepared: &'a PreparedScene,
     /// The service.
     pub service: &'a Service,
-    /// What to measure.
+    /// Settings of the measurement.
     pub options: &'a Options,
 }
 

@@ -23,12 +23,12 @@ const STEP_BY: f32 = 0.35;
 /// The longest time to wait for a picture.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Poses whose first frames and full pictures are timed.
     pub poses: usize,
-    /// How long the camera moves.
+    /// Time for which the camera moves.
     pub moving: Duration,
 }
 

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Numbers of host threads.
@@ -34,7 +34,7 @@ pub struct Row {
     pub threads: usize,
     /// Duration of a task, in microseconds.
     pub load_us: f64,
-    /// Whether every task was recorded.
+    /// True if every task was recorded.
     pub timeline: bool,
     /// Tasks of a job.
     pub tasks: u64,
@@ -47,7 +47,7 @@ pub struct Row {
     pub busy_share: Spread,
 }
 
-/// Why nothing could be measured.
+/// Error of the measurement.
 #[derive(Debug, thiserror::Error)]
 pub enum ScheduleError {
     /// The threads cannot be started.

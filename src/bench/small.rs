@@ -21,7 +21,7 @@ const LEAST_RAYS: usize = 2048;
 /// Calls that each contender makes in a round, at least.
 const LEAST_CALLS: usize = 2;
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Rounds; each contender is timed once a round.

@@ -12,7 +12,7 @@ use crate::trace::cpu::slabs::Slabs;
 use crate::trace::cpu::triangle::{Limits, Lines, test};
 use glam::Vec3;
 
-/// What the lanes of a test hold.
+/// Contents of the lanes of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InLanes {
     /// Several rays, tested against one triangle.

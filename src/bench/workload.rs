@@ -30,7 +30,7 @@ impl Kind {
     pub const ALL: [Self; 5] =
         [Self::Camera, Self::Bounce, Self::ShuffledBounce, Self::SoftShadow, Self::OccludedBounce];
 
-    /// Whether the query is for any hit, not the closest.
+    /// True if the query is for any hit, not the closest.
     pub fn is_any_hit(self) -> bool {
         matches!(self, Self::SoftShadow | Self::OccludedBounce)
     }
@@ -61,7 +61,7 @@ pub struct Workload {
     width: u32,
     height: u32,
     camera: Vec<Ray>,
-    /// Where camera rays hit, a ray; elsewhere any value.
+    /// A ray where a camera ray hits; elsewhere any value.
     bounce: Vec<Ray>,
     shadow: Vec<Ray>,
     is_hit: Vec<bool>,
@@ -134,7 +134,7 @@ fn is_mirror(scene: &Scene, primitive: u32) -> bool {
     matches!(scene.materials[material as usize].surface, Surface::Mirror { .. })
 }
 
-/// Where shadow rays end.
+/// Ends of shadow rays.
 enum Lamp {
     /// Emissive triangles, each with the sum of the areas up to and with its own.
     Emitters { triangles: Vec<[Vec3; 3]>, areas: Vec<f32> },

@@ -88,7 +88,7 @@ impl Subtree {
         Self { root: index as u32 | Self::REINSERTED, first: 0, count }
     }
 
-    /// Whether its root is a reinserted node.
+    /// True if its root is a reinserted node.
     #[inline]
     pub fn is_reinserted(self) -> bool {
         self.root & Self::REINSERTED != 0
@@ -172,7 +172,7 @@ impl InnerNodes {
         if of.is_reinserted() { self.reinserted[of.index()].bounds } else { self.built[of.index()].bounds() }
     }
 
-    /// What the plan does with a subtree.
+    /// Choice of the plan for a subtree.
     #[inline]
     fn choice(&self, of: Subtree) -> Choice {
         match of.count {
@@ -182,13 +182,13 @@ impl InnerNodes {
         }
     }
 
-    /// Whether no nodes were made below a subtree's root.
+    /// True if no nodes were made below a subtree's root.
     #[inline]
     pub fn is_leaf(&self, of: Subtree) -> bool {
         of.count == 1 || self.choice(of) == Choice::ONE_BLOCK
     }
 
-    /// Whether the subtree is a leaf block if it is one child of a wide node.
+    /// True if the subtree is a leaf block if it is one child of a wide node.
     #[inline]
     pub fn is_block(&self, of: Subtree) -> bool {
         of.count == 1 || self.choice(of).is_block()
@@ -211,7 +211,7 @@ impl InnerNodes {
     }
 }
 
-/// What is known of a subtree once it is built.
+/// Facts about a subtree that has been built.
 #[derive(Debug)]
 pub(super) struct BuiltSubtree {
     pub plan: CollapsePlan,

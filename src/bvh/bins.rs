@@ -1,4 +1,4 @@
-//! Where to split a range of references: the cheapest plane between two bins of an axis, by the surface area
+//! Split of a range of references: the cheapest plane between two bins of an axis, by the surface area
 //! heuristic (Wald 2007, *On fast Construction of SAH-based Bounding Volume Hierarchies*).
 
 use super::collapse_plan::Costs;
@@ -71,7 +71,7 @@ impl Grid {
         l.add(l.min(place, l.splat(self.last)), l.splat(ROUND))
     }
 
-    /// Where a bin after the first begins on an axis: the least distance from the origin that [`Grid::bins`]
+    /// Start of a bin after the first on an axis: the least distance from the origin that [`Grid::bins`]
     /// maps to it.
     #[inline(always)]
     fn start(&self, axis: usize, bin: usize) -> f32 {
@@ -101,7 +101,7 @@ pub(super) struct SplitPlane {
 }
 
 impl SplitPlane {
-    /// Whether a key is on the left.
+    /// True if a key is on the left.
     #[inline(always)]
     pub fn is_left<L: Lanes>(&self, l: L, key: L::F) -> bool {
         l.lt(self.axis, l.sub(key, load_one(l, &self.origin)), l.splat(self.distance)) != 0

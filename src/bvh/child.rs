@@ -48,7 +48,7 @@ impl Child {
         Self::block(self.index() + by, self.triangles())
     }
 
-    /// Whether this is a leaf block. Unspecified for [`Child::NONE`], whose box no ray enters.
+    /// True if this is a leaf block. Unspecified for [`Child::NONE`], whose box no ray enters.
     #[inline]
     pub fn is_block(self) -> bool {
         self.0 & Self::LEAF != 0

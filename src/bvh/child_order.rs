@@ -43,7 +43,7 @@ impl ChildOrder {
         Self { ranks, slots }
     }
 
-    /// Whether both words are permutations, each the inverse of the other.
+    /// True if both words are permutations, each the inverse of the other.
     pub(super) fn is_permutation(self) -> bool {
         let digit = |digits: u32, at: u32| digits >> (3 * at) & 7;
         (0..WIDTH as u32).all(|slot| digit(self.slots, digit(self.ranks, slot)) == slot)

@@ -148,7 +148,7 @@ struct Top {
     depth: usize,
 }
 
-/// What a child of a top node is.
+/// Kind of a top node's child.
 enum TopChild {
     /// A top node, by index.
     Node(usize),

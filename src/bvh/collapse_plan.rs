@@ -37,7 +37,7 @@ pub(super) struct Costs {
     large_area: f32,
     /// Nodes with boxes of more area may take part in reinsertion.
     reinsertion_area: f32,
-    /// Whether the builder goes down to single primitives everywhere.
+    /// True if the builder goes down to single primitives everywhere.
     is_full: bool,
 }
 
@@ -52,14 +52,14 @@ impl Costs {
         Self { is_full: true, ..Self::of_tree(area) }
     }
 
-    /// Whether up to eight primitives in a box of the given area may become one leaf block without a subtree
+    /// True if up to eight primitives in a box of the given area may become one leaf block without a subtree
     /// below. The builder makes them one where two boxes would have no less area together.
     #[inline(always)]
     pub fn may_stop(self, area: f32) -> bool {
         !self.is_full && area <= self.large_area
     }
 
-    /// Whether a node with a box of the given area may take part in reinsertion.
+    /// True if a node with a box of the given area may take part in reinsertion.
     #[inline(always)]
     pub fn may_reinsert(self, area: f32) -> bool {
         area > self.reinsertion_area
@@ -94,7 +94,7 @@ impl Costs {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CollapsePlan([f32; WIDTH]);
 
-/// What the cheapest plan does with a binary node.
+/// Choice of the cheapest plan for a binary node.
 ///
 /// Bit 31: as one child, its primitives are a leaf block. Bits `3 (c - 2)` to `3 (c - 2) + 2`, for `c` = 2 to
 /// 8: how many of `c` children go to the left subtree, or 0 if `c - 1` children are as good.
@@ -108,13 +108,13 @@ impl Choice {
     /// A leaf block, however many children there may be.
     pub const ONE_BLOCK: Self = Self(Self::BLOCK);
 
-    /// Whether the primitives, as one child, are a leaf block and not an inner node.
+    /// True if the primitives, as one child, are a leaf block and not an inner node.
     #[inline]
     pub fn is_block(self) -> bool {
         self.0 & Self::BLOCK != 0
     }
 
-    /// How many of `children` ≥ 2 go to the left subtree; 0 if one child fewer is as good.
+    /// Number of the `children` ≥ 2 that go to the left subtree; 0 if one child fewer is as good.
     #[inline]
     pub fn on_left(self, children: usize) -> usize {
         (self.0 >> (3 * (children - 2)) & 7) as usize

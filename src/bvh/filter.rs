@@ -8,7 +8,7 @@
 /// Tracers call it on the thread that traces. It may trace rays itself on that thread; such nested calls of the CPU
 /// tracer work in scratch memory of their own, which costs an allocation for each outer call.
 pub trait Filter: Send + Sync {
-    /// Whether the candidate on `primitive` at the barycentric weights `u` of its second vertex and `v` of
+    /// True if the candidate on `primitive` at the barycentric weights `u` of its second vertex and `v` of
     /// its third counts.
     fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool;
 }

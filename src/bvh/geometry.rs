@@ -1,4 +1,4 @@
-//! Which meshes a tree can be built over.
+//! Checks of the meshes that a tree is built over.
 
 use super::leaf_block::max_words;
 use crate::geom::MAX_COORDINATE;
@@ -13,7 +13,7 @@ const _: () = assert!(MAX_TRIANGLES * max_words(1) < (1 << 31));
 /// Number of elements that one thread checks at a time.
 const CHECKED_AT_ONCE: usize = 1 << 14;
 
-/// Why a tree cannot be built over a mesh, or not refitted to it.
+/// Error of building a tree over a mesh, or of refitting it.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GeometryError {

@@ -24,7 +24,7 @@ pub(super) struct HugePages<T: Copy> {
     memory: Memory,
 }
 
-/// Where the elements are stored: from [`HUGE`] bytes on, in an anonymous mapping.
+/// Memory of the elements: from [`HUGE`] bytes on, in an anonymous mapping.
 enum Memory {
     Heap(#[expect(dead_code, reason = "owns the elements, which are reached through `start`")] Vec<Line>),
     Mapped(MmapMut),

@@ -8,7 +8,7 @@ pub(super) struct IndexedMesh<'a, M> {
     pub positions: &'a [Vec3],
     /// Three indices into `positions` for each triangle.
     pub triangles: &'a [[u32; 3]],
-    /// Whether the [`super::Filter`] decides the hits of a triangle.
+    /// Tells of a triangle whether the [`super::Filter`] decides its hits.
     pub masked: M,
 }
 
@@ -19,7 +19,7 @@ impl<M: Fn(u32) -> bool + Sync> IndexedMesh<'_, M> {
         each(self.triangles[primitive as usize], |i| self.positions[i as usize])
     }
 
-    /// Whether the filter decides the hits of a triangle.
+    /// True if the filter decides the hits of a triangle.
     #[inline]
     pub fn is_masked(&self, primitive: u32) -> bool {
         (self.masked)(primitive)

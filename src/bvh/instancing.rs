@@ -56,7 +56,7 @@ fn moved_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
     found
 }
 
-/// How much the cost of the tree over instances may grow before it is built anew.
+/// Factor by which the cost of the tree over instances may grow before it is built anew.
 const MAX_COST_GROWTH: f32 = 1.5;
 
 /// The instances of a two-level tree.

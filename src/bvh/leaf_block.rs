@@ -303,7 +303,7 @@ impl<'a> LeafBlock<'a> {
         self.id(row) & PRIMITIVE
     }
 
-    /// Whether the filter decides hits of the triangle in a row.
+    /// True if the filter decides hits of the triangle in a row.
     #[inline]
     pub fn is_masked(&self, row: usize) -> bool {
         self.id(row) & MASKED != 0

@@ -201,7 +201,7 @@ fn copy<'a>(
     copies.into_par_iter().for_each(|(part, packing)| part.copy_from_slice(words(packing)));
 }
 
-/// Which corners of up to eight triangles are equal to the bit. Corners are numbered as in
+/// Corners of up to eight triangles that are equal to the bit. Corners are numbered as in
 /// [`BlockTriangles::corner_mask`].
 struct SharedCorners {
     /// The corners that equal no earlier one.

@@ -165,7 +165,7 @@ impl Bvh {
         self.instances.as_ref().map_or(self.triangle_blocks.len(), |instances| instances.triangle_count)
     }
 
-    /// Whether there are no triangles.
+    /// True if there are no triangles.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -225,7 +225,7 @@ impl Bvh {
         }
     }
 
-    /// Whether the filter decides the hits of a triangle.
+    /// True if the filter decides the hits of a triangle.
     ///
     /// # Panics
     /// If there is no such primitive.

@@ -140,7 +140,7 @@ mod tests {
     use crate::geom::Aabb;
     use glam::Vec3;
 
-    /// Whether a reference is on the left.
+    /// Test that a reference is on the left.
     struct IsLeft<'a>(&'a Reference, &'a SplitPlane);
 
     impl LaneTask for IsLeft<'_> {

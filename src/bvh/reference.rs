@@ -46,7 +46,7 @@ impl Reference {
     }
 }
 
-/// What a range of references extends over.
+/// Extent of a range of references.
 #[derive(Clone, Copy)]
 pub(super) struct Extent {
     /// The union of the boxes.

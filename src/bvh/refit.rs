@@ -16,10 +16,10 @@ use rayon::prelude::*;
 const BLOCKS_AT_ONCE: usize = 1 << 9;
 
 impl Bvh {
-    /// Whether [`Bvh::refit`] would accept this mesh.
+    /// Checks that [`Bvh::refit`] would accept this mesh.
     ///
     /// # Errors
-    /// Why it would not.
+    /// The reason why it would not.
     pub fn accepts(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
         if self.instances.is_some() {
             return Err(GeometryError::Instanced);

@@ -47,7 +47,7 @@ struct Node {
 /// The optimiser. Node 0 is the root and remains so.
 struct Reinsertion {
     nodes: Vec<Node>,
-    /// What the builder made of each node.
+    /// The builder's subtree of each node.
     subtrees: Vec<(Subtree, BuiltSubtree)>,
 }
 

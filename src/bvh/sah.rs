@@ -136,7 +136,7 @@ impl<L: Lanes> OutlinedTask<L> for SubtreeTask<'_> {
     }
 }
 
-/// Whether the range must be split at the median, and all ranges below it too: the depth that is left just
+/// True if the range must be split at the median, and all ranges below it too: the depth that is left just
 /// suffices for that.
 #[inline]
 fn must_split_at_median(count: usize, depth: usize) -> bool {

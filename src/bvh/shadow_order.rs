@@ -7,7 +7,7 @@ use super::leaf_packing::BlockTriangles;
 use super::wide_tree::WideNode;
 use crate::geom::Aabb;
 
-/// What the shadow order needs to know of a subtree.
+/// Facts about a subtree that the shadow order needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SubtreeStats {
     /// Total area of the triangles.

@@ -12,7 +12,7 @@ pub enum BvhError {
     /// A child's box is not inside its parent's.
     #[error("{tree} node {node}: the box of child {child} leaves the node's box")]
     Box {
-        /// Which tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The parent.
         node: usize,
@@ -22,7 +22,7 @@ pub enum BvhError {
     /// A triangle is not inside the box of its leaf.
     #[error("triangle {primitive} leaves the box of its leaf in the {tree} tree")]
     Triangle {
-        /// Which tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
@@ -30,7 +30,7 @@ pub enum BvhError {
     /// A triangle is in no leaf or in several.
     #[error("triangle {primitive} is in {found} leaves of the {tree} tree, expected 1")]
     Occurrences {
-        /// Which tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
@@ -40,7 +40,7 @@ pub enum BvhError {
     /// A front-to-back order of a node is not a permutation of its eight slots.
     #[error("{tree} node {node}: the order of its slots is not a permutation")]
     Order {
-        /// Which tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The node.
         node: usize,
@@ -48,7 +48,7 @@ pub enum BvhError {
     /// A tree is too deep for the traversal stacks.
     #[error("the {tree} tree is {found} nodes deep, allowed are {allowed}")]
     Depth {
-        /// Which tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "binary", "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// Its depth.
         found: usize,

@@ -136,7 +136,7 @@ fn redistributed(difference: f64, greatest: f64) -> f64 {
     }
 }
 
-/// How much of an edge and of a point there is in each pixel (section 4.2.1).
+/// Amounts of an edge and of a point in each pixel (section 4.2.1).
 struct Features {
     edges: Vec<f64>,
     points: Vec<f64>,

@@ -44,7 +44,7 @@ impl Metric {
         }
     }
 
-    /// Whether greater values are those of more similar pictures.
+    /// True if greater values are those of more similar pictures.
     pub const fn is_similarity(self) -> bool {
         matches!(self, Self::Psnr | Self::Ssim)
     }
@@ -79,7 +79,7 @@ pub struct Pair {
     shown: [Vec<[f32; 3]>; 2],
 }
 
-/// Why two pictures cannot be compared.
+/// Error of comparing two pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {

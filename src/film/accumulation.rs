@@ -62,7 +62,7 @@ pub(super) struct Memory {
     pub layers: Option<Box<LayerSums>>,
 }
 
-/// Why there is no film.
+/// Error of making a film.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FilmError {

@@ -14,7 +14,7 @@ const MAX_ENTRIES: usize = (MEAN_PIXEL_IDS * STRIPE_PIXELS) as usize;
 const ID: u32 = (1 << COVERAGE_ID_BITS) - 1;
 const _: () = assert!(STRIPE_PIXELS.is_power_of_two() && STRIPE_PIXELS <= 1 << (32 - COVERAGE_ID_BITS));
 
-/// How many samples of each pixel show what.
+/// Number of each pixel's samples that show each thing.
 ///
 /// # Why no order can change it
 /// Counts are integers. A stripe keeps the [`MAX_ENTRIES`] entries of the least hashes among those seen so far. An

@@ -1,4 +1,4 @@
-//! What films must share to be added up.
+//! Properties that films must share to be added up.
 
 use super::accumulation::{MAX_FRACTION_BITS, MIN_FRACTION_BITS};
 use super::{Film, LayerPlan};
@@ -15,12 +15,12 @@ pub struct FilmKind {
 }
 
 impl FilmKind {
-    /// Whether there are films of this kind.
+    /// True if there are films of this kind.
     pub fn is_sound(&self) -> bool {
         (MIN_FRACTION_BITS..=MAX_FRACTION_BITS).contains(&self.fraction_bits) && self.layers.is_sound()
     }
 
-    /// What it holds besides radiance.
+    /// Layers that it holds besides radiance.
     pub fn layers(&self) -> &LayerPlan {
         &self.layers
     }

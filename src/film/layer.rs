@@ -78,14 +78,14 @@ pub enum LayerValues {
         /// The numbers.
         values: Vec<f32>,
     },
-    /// What each pixel shows: an index into `names`, or [`LayerValues::NO_ID`]. Primitives have no names.
+    /// Thing that each pixel shows: an index into `names`, or [`LayerValues::NO_ID`]. Primitives have no names.
     Ids {
         /// The index of each pixel.
         ids: Vec<u32>,
         /// Names by index.
         names: Vec<String>,
     },
-    /// How many of each pixel's samples show what.
+    /// Number of each pixel's samples that show each thing.
     Coverage(Coverage),
 }
 

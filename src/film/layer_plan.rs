@@ -1,4 +1,4 @@
-//! What a film holds besides radiance.
+//! Layers that a film holds besides radiance.
 
 use super::coverage_counts::CoverageCounts;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ const MAX_ENTRIES: usize = 64;
 /// Bits of an id of [`LayerPlan::coverage`].
 pub const COVERAGE_ID_BITS: u32 = 26;
 
-/// What a film holds besides radiance, in one column for each entry.
+/// Layers that a film holds besides radiance, in one column for each entry.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -22,11 +22,11 @@ pub struct LayerPlan {
     /// Sums over samples. Each entry is the number of fraction bits of one channel:
     /// [`LayerPlan::fraction_bits`] gives the most that cannot overflow.
     pub sums: Vec<i32>,
-    /// Whether samples that hit something are counted.
+    /// True if samples that hit something are counted.
     pub hits: bool,
-    /// Whether half of the samples have sums of radiance of their own ([`super::Film::HALF`]).
+    /// True if half of the samples have sums of radiance of their own ([`super::Film::HALF`]).
     pub halves: bool,
-    /// Whether the hits of rays through the centres of pixels are kept.
+    /// True if the hits of rays through the centres of pixels are kept.
     pub centres: bool,
     /// Counts of (pixel, id). Each entry is the number of different ids, at most 2^[`COVERAGE_ID_BITS`].
     pub coverage: Vec<u32>,
@@ -35,13 +35,13 @@ pub struct LayerPlan {
 }
 
 impl LayerPlan {
-    /// Whether a film holds radiance alone.
+    /// True if a film holds radiance alone.
     pub fn is_empty(&self) -> bool {
         let Self { sums, hits, halves, centres, coverage, .. } = self;
         sums.is_empty() && !hits && !halves && !centres && coverage.is_empty()
     }
 
-    /// Whether a file may ask for it.
+    /// True if a file may ask for it.
     pub(super) fn is_sound(&self) -> bool {
         let Self { sums, coverage, .. } = self;
         sums.len() + coverage.len() <= MAX_ENTRIES && coverage.iter().all(|ids| *ids <= 1 << COVERAGE_ID_BITS)

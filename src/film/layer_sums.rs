@@ -1,4 +1,4 @@
-//! What a film holds besides radiance, as its plan says.
+//! Sums of the layers that a film holds besides radiance, as its plan says.
 
 use super::accumulation::{Counts, Film, Sums, take};
 use super::coverage_counts::CoverageCounts;
@@ -35,7 +35,7 @@ struct Centre {
     material: AtomicU32,
 }
 
-/// What neighbouring pixels hold.
+/// Layers of neighbouring pixels.
 struct PixelLayers<'a> {
     sums: &'a [AtomicI64],
     half: &'a [AtomicI64],
@@ -44,7 +44,7 @@ struct PixelLayers<'a> {
     centres: &'a [Centre],
 }
 
-/// What the ray through a pixel's centre hit.
+/// Hit of the ray through a pixel's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CentreHit {
@@ -214,7 +214,7 @@ impl Film {
         Ok(film)
     }
 
-    /// What the film holds besides radiance, if anything.
+    /// Layers that the film holds besides radiance, if any.
     #[inline]
     pub fn plan(&self) -> Option<&LayerPlan> {
         self.layers.as_ref().map(|layers| &*layers.plan)
@@ -285,7 +285,7 @@ impl Film {
         centre.primitive.store(primitive + FIRST, Relaxed);
     }
 
-    /// What the ray through a pixel's centre hit; `None` for a miss, and for a ray that has not been traced.
+    /// Hit of the ray through a pixel's centre; `None` for a miss, and for a ray that has not been traced.
     pub fn centre(&self, pixel: usize) -> Option<CentreHit> {
         let Centre { primitive, t, material } = &self.held().centres[pixel];
         let primitive = primitive.load(Relaxed).checked_sub(FIRST)?;

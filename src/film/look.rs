@@ -1,4 +1,4 @@
-//! How a picture is shown: exposure, white balance and view transform. Files of linear radiance have none of it.
+//! Display of a picture: exposure, white balance and view transform. Files of linear radiance have none of it.
 
 use super::view::times;
 use super::{Image, View};
@@ -6,7 +6,7 @@ use super::{Image, View};
 /// Luminance that automatic exposure gives to the mean of a picture: middle grey.
 const MIDDLE_GREY: f32 = 0.18;
 
-/// How bright a picture is shown.
+/// Brightness at which a picture is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Exposure {
@@ -16,7 +16,7 @@ pub enum Exposure {
     Auto,
 }
 
-/// How a picture of linear radiance is shown: white balance, then exposure, then a view transform.
+/// Display of a picture of linear radiance: white balance, then exposure, then a view transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     view: View,
@@ -66,12 +66,12 @@ impl Look {
         }
     }
 
-    /// How bright a picture is shown.
+    /// Brightness at which a picture is shown.
     pub fn exposure(&self) -> Exposure {
         self.exposure
     }
 
-    /// What a picture file stores for each channel of each pixel, in 0..=1.
+    /// Values that a picture file stores for each channel of each pixel, in 0..=1.
     pub fn encode<'a>(&self, image: &'a Image) -> impl Iterator<Item = f32> + use<'a> {
         let shown = self.encoder(image);
         image.pixels.iter().flat_map(move |&pixel| shown(pixel))
@@ -88,7 +88,7 @@ impl Look {
     }
 }
 
-/// What automatic exposure knows of a picture. Those of its parts add up.
+/// Brightness of a picture, for automatic exposure. Those of its parts add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Light {
     /// The sum of the binary logarithms of the luminances of all pixels that are not black.

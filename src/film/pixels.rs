@@ -75,7 +75,7 @@ impl Film {
         self.add_coverage(runs, coverage, true)
     }
 
-    /// Whether each pixel has this many samples.
+    /// True if each pixel has this many samples.
     fn has_samples(&self, runs: &[Range<usize>], each: u32, mut fixed: &[u8]) -> Option<bool> {
         let of_layers = self.layers.as_ref().map_or(0, |layers| layers.pixel_bytes());
         for run in runs {

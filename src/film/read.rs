@@ -5,13 +5,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// What the values of a picture file mean.
+/// Meaning of the values of a picture file.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Content {
     /// Linear Rec. 709 radiance: EXR, HDR and NPY files.
     Radiance(Image),
-    /// What a display shows, in sRGB from 0 to 1: PNG files.
+    /// Values that a display shows, in sRGB from 0 to 1: PNG files.
     Shown(Image),
 }
 
@@ -39,7 +39,7 @@ fn linear(srgb: f32) -> f32 {
     if srgb > 0.04045 { libm::powf((srgb + 0.055) / 1.055, 2.4) } else { srgb / 12.92 }
 }
 
-/// Why a picture could not be read.
+/// Error of reading a picture.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
@@ -54,7 +54,7 @@ pub enum ReadError {
     NotRead {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }

@@ -40,7 +40,7 @@ impl Region {
         self.width as u64 * self.height as u64
     }
 
-    /// Whether it has a pixel, and all its pixels are in a picture of this size.
+    /// True if it has a pixel, and all its pixels are in a picture of this size.
     pub fn is_within(self, width: u32, height: u32) -> bool {
         let fits = |start: u32, len: u32, all: u32| start.checked_add(len).is_some_and(|end| end <= all);
         self.area() > 0 && fits(self.x, self.width, width) && fits(self.y, self.height, height)

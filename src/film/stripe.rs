@@ -46,7 +46,7 @@ impl Stripes {
 }
 
 impl Stripe<'_> {
-    /// Whether the stripe holds a pixel.
+    /// True if the stripe holds a pixel.
     #[inline]
     pub fn has(&self, pixel: u32) -> bool {
         pixel / STRIPE_PIXELS == self.number

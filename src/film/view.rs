@@ -59,7 +59,7 @@ impl View {
         each(shown, |channel| channel.clamp(0.0, 1.0))
     }
 
-    /// What a file stores for [`View::apply`]'s result, in 0..=1: the sRGB transfer function, or nothing for
+    /// Value that a file stores for [`View::apply`]'s result, in 0..=1: the sRGB transfer function, or nothing for
     /// [`View::Raw`].
     pub fn encode(self, light: f32) -> f32 {
         match self {
@@ -113,7 +113,7 @@ fn punchy(shown: [f32; 3]) -> [f32; 3] {
 }
 
 fn pbr_neutral(radiance: [f32; 3]) -> [f32; 3] {
-    /// Where compression starts: 0.8 less the reflectance of a dielectric at normal incidence.
+    /// Start of compression: 0.8 less the reflectance of a dielectric at normal incidence.
     const START: f32 = 0.8 - 0.04;
     const DESATURATION: f32 = 0.15;
     let least = radiance.into_iter().fold(f32::MAX, f32::min);

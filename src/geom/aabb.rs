@@ -27,13 +27,13 @@ impl Aabb {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Whether `other` lies inside, faces included.
+    /// True if `other` lies inside, faces included.
     #[inline]
     pub fn contains(&self, other: &Self) -> bool {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
-    /// Whether the box contains no point.
+    /// True if the box contains no point.
     #[inline]
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()

@@ -38,7 +38,7 @@ pub(crate) const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9
 /// reciprocals stay finite. That moves the ray by less than [`SLACK`] allows.
 pub(crate) const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
 
-/// How far box planes are moved outwards, relative to the largest coordinate of scene and origin.
+/// Distance by which box planes are moved outwards, relative to the largest coordinate of scene and origin.
 pub(crate) const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
 
 /// A ray prepared for the canonical test, once for each ray and scene.
@@ -87,8 +87,8 @@ impl CanonicalRay {
         t_max: -1.0,
     };
 
-    /// Whether a ray has an origin and a direction that can be traced: neither is a reason for [`CanonicalRay::new`] to
-    /// let it hit nothing.
+    /// True if a ray's origin and direction can be traced: neither is a reason for [`CanonicalRay::new`] to let it hit
+    /// nothing.
     #[inline(always)]
     pub fn can_start(origin: [f32; 3], direction: [f32; 3]) -> bool {
         let (o, d) = (Vec3::from_array(origin), Vec3::from_array(direction));

@@ -7,7 +7,7 @@ use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 /// A product of rotations with a scale of 0 has some 1e-7, by rounding.
 const LEAST_VOLUME: f64 = 1e-6;
 
-/// Why a matrix places no geometry.
+/// Error of a matrix that places no geometry.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlacementError {

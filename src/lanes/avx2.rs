@@ -119,7 +119,7 @@ fn transpose<const VL: bool>(token: EightLanes<VL>, r: [F; 8]) -> [F; 8] {
     [a, b, c, d, e, f, g, h]
 }
 
-/// Whether each lane is in a mask, as all ones or all zeros.
+/// All ones in each lane of a mask, and all zeros in the others.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn expand<const VL: bool>(_: EightLanes<VL>, mask: LaneBits) -> F {
     // SAFETY: invariant 1.

@@ -37,7 +37,7 @@ pub trait LaneTask {
     fn run<L: Lanes>(self, l: L) -> Self::Output;
 }
 
-/// Why a level cannot be used.
+/// Error of choosing a level.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimdError {
@@ -73,7 +73,7 @@ impl SimdLevel {
         Self::ALL.into_iter().filter(|level| level.is_available()).collect()
     }
 
-    /// Whether this processor has the level's instructions.
+    /// True if this processor has the level's instructions.
     pub fn is_available(self) -> bool {
         match self {
             Self::Scalar => true,

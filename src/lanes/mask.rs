@@ -16,7 +16,7 @@ pub struct Mask<L: Lanes> {
     m: L::M,
 }
 
-/// How a level represents the masks of its lanes: the operations behind [`Mask`].
+/// Representation of a level's masks: the operations behind [`Mask`].
 pub trait MaskRepr<L: Lanes>: Copy + Sealed {
     /// The same Boolean in each lane.
     fn splat(l: L, value: bool) -> Self;
@@ -24,9 +24,9 @@ pub trait MaskRepr<L: Lanes>: Copy + Sealed {
     fn from_bits(l: L, bits: LaneBits) -> Self;
     /// One bit per lane; bits beyond the lanes are 0.
     fn bits(self, l: L) -> LaneBits;
-    /// Whether any lane is set.
+    /// True if any lane is set.
     fn any(self, l: L) -> bool;
-    /// Whether all lanes are set.
+    /// True if all lanes are set.
     fn all(self, l: L) -> bool;
     /// `self & other`.
     fn and(self, l: L, other: Self) -> Self;
@@ -163,7 +163,7 @@ impl<L: Lanes> Mask<L> {
         self.bits().count_ones() as usize
     }
 
-    /// Whether lane `lane` is set.
+    /// True if lane `lane` is set.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn test(self, lane: usize) -> bool {
         self.bits() >> lane & 1 == 1
@@ -175,19 +175,19 @@ impl<L: Lanes> Mask<L> {
         SetLanes { left: self.bits(), lanes: PhantomData }
     }
 
-    /// Whether any lane is set.
+    /// True if any lane is set.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn any(self) -> bool {
         self.m.any(self.l)
     }
 
-    /// Whether all lanes are set.
+    /// True if all lanes are set.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn all(self) -> bool {
         self.m.all(self.l)
     }
 
-    /// Whether no lane is set.
+    /// True if no lane is set.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn none(self) -> bool {
         !self.any()

@@ -33,7 +33,7 @@ fn collect(lanes: I) -> LaneBits {
     }
 }
 
-/// Whether each lane is in a mask, as all ones or all zeros.
+/// All ones in each lane of a mask, and all zeros in the others.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn expand(mask: LaneBits) -> I {
     // SAFETY: invariant 1; eight words are read.

@@ -1,4 +1,4 @@
-//! How the files of instruction sets list their instructions.
+//! Macro by which the files of instruction sets list their instructions.
 //!
 //! Unsafe code for calling instructions. Invariants, stated and kept by the file that lists them:
 //! 1. The token proves that the processor has the instructions.

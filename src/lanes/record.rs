@@ -17,7 +17,7 @@ use std::collections::HashMap;
 /// The index of a step, whose value it stands for.
 pub(crate) type Slot = u32;
 
-/// What a step computes of its operands. The names are those of the operations of programs.
+/// Function of its operands that a step computes. The names are those of the operations of programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Recorded {
     Not,
@@ -62,7 +62,7 @@ pub(crate) enum Step {
     Element { table: u32, first: u32, width: u32, index: Slot },
 }
 
-/// What a function over lanes computes.
+/// Steps of a function over lanes.
 #[derive(Debug, Default)]
 pub(crate) struct Tape {
     /// In the order in which they were recorded, each once.

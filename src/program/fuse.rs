@@ -4,7 +4,7 @@
 use super::code::{Code, Instruction, Register};
 use super::operation::Operation;
 
-/// What is known of a register.
+/// Uses of a register.
 #[derive(Clone, Copy, Debug, Default)]
 struct Use {
     reads: u32,

@@ -104,7 +104,7 @@ pub(super) fn endless_loop(file: &str, line: u32) -> ! {
     panic!("{file}:{line}: this loop takes too many turns; does it end at every point?");
 }
 
-/// Where a function's argument of type `Point` is.
+/// Inputs of a function's argument of type `Point`.
 #[derive(Clone, Debug)]
 pub(super) struct PointInputs {
     /// Bit `i` is set if field `i` of [`POINT_FIELDS`] is read.

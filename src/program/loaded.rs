@@ -1,4 +1,4 @@
-//! What all kinds of shaders have in common: a file, its parameters, and a hash.
+//! Common part of all kinds of shaders: a file, its parameters, and a hash.
 
 #[cfg(feature = "gpu")]
 use super::code::Code;
@@ -19,7 +19,7 @@ pub(super) struct Loaded {
     pub source: Source,
     pub parameters: Vec<Parameter>,
     pub overrides: BTreeMap<String, u32>,
-    /// Whether functions of the prelude become native.
+    /// True if functions of the prelude become native.
     natives: bool,
 }
 
@@ -110,7 +110,7 @@ impl Loaded {
         Input { module, info, overrides, natives, source: text, host: None }
     }
 
-    /// Whether the file has a function of this name.
+    /// True if the file has a function of this name.
     pub fn has(&self, function: &str) -> bool {
         self.source.module.functions.iter().any(|(_, other)| other.name.as_deref() == Some(function))
     }

@@ -69,7 +69,7 @@ impl Registers {
         &self.chunks[register as usize]
     }
 
-    /// What sets the points of a function that takes some, with this many lanes.
+    /// Sink that sets the points of a function that takes some, with this many lanes.
     #[inline(always)]
     pub fn sink<'a>(&'a self, inputs: &'a PointInputs, lanes: usize) -> impl PointSink {
         PointWriter { registers: self, inputs, lanes }

@@ -111,7 +111,7 @@ macro_rules! with_operations {
 
 macro_rules! define {
     ($($name:ident($($operand:ident),*) $doc:literal => $meaning:expr;)*) => {
-        /// What an operation computes of its operands.
+        /// Function of its operands that an operation computes.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Operation {
             $(#[doc = concat!("`", $doc, "`")] $name,)*
@@ -126,7 +126,7 @@ macro_rules! define {
                 }
             }
 
-            /// What it computes, in words.
+            /// Its meaning, in words.
             #[cfg(feature = "gpu")]
             pub fn meaning(self) -> &'static str {
                 match self {

@@ -16,9 +16,9 @@ pub struct Parameter {
     pub name: String,
     /// `f32`, `i32`, `u32`, `bool`, or `vec2f`, `vec3f`, `vec4f`.
     pub kind: &'static str,
-    /// Whether it has a default, so that it need not be set.
+    /// True if it has a default, so that it need not be set.
     pub has_default: bool,
-    /// Where it is defined.
+    /// Place of its definition.
     pub(super) span: Span,
 }
 

@@ -52,7 +52,7 @@ impl Columns {
         self.program = program;
     }
 
-    /// Where the words of a register start, and whether it is a constant.
+    /// Start of a register's words, and true if it is a constant.
     #[inline(always)]
     fn place(&self, register: Register) -> (usize, bool) {
         let (register, constants) = (register as usize, self.constants);
@@ -180,7 +180,7 @@ impl<'a> LaneTask for UntilHost<'a> {
     }
 }
 
-/// Whether no point is in a mask.
+/// True if no point is in a mask.
 #[inline(always)]
 pub(super) fn is_empty(mask: &[Cell<u32>]) -> bool {
     let mut any = 0;

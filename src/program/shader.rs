@@ -62,7 +62,7 @@ impl SurfaceShader {
         }
     }
 
-    /// What the shader is, for people: its kind and its numbers of operations.
+    /// Description for people: the shader's kind and its numbers of operations.
     pub fn description(&self) -> String {
         match self {
             Self::Pattern(pattern) => format!("a pattern of {} operations", pattern.operations()),

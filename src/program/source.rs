@@ -14,7 +14,7 @@ const MAX_NESTING: usize = 64;
 /// The most operators, dots and brackets of a statement. Each may be a level of its expression's tree.
 const MAX_OPERATORS: usize = 512;
 
-/// What is wrong with a shader, and where.
+/// Fault of a shader, and its place.
 #[derive(Clone, Debug)]
 pub(super) struct Fault {
     span: Span,
@@ -33,7 +33,7 @@ impl Fault {
     }
 }
 
-/// Why a shader cannot be loaded. The message names file, line and column, shows the line, and says what to do.
+/// Error of loading a shader. The message names file, line and column, shows the line, and says what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShaderError {
@@ -43,9 +43,9 @@ pub struct ShaderError {
     pub line: u32,
     /// Column in characters, from 1.
     pub column: u32,
-    /// What is wrong.
+    /// The problem.
     pub message: String,
-    /// What to do.
+    /// The remedy.
     pub remedy: String,
     /// The line with marks below the place.
     excerpt: String,

@@ -247,7 +247,7 @@ impl FinishSource for Outputs<'_> {
 
 const _: () = assert!(MAX_LANES == CHUNK && BLOCK.is_multiple_of(CHUNK));
 
-/// What a pattern computes beside colours.
+/// Effects that a pattern computes beside colours.
 fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
     let scalars = |name: &str| {
         let mut first = 0;

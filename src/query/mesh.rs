@@ -161,7 +161,7 @@ impl Mesh {
         self.tracers.all_hits(rays)
     }
 
-    /// Whether each ray hits anything. Faster than [`Mesh::closest`].
+    /// For each ray, true if it hits anything. Faster than [`Mesh::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
         self.tracers.occluded(rays)
     }
@@ -188,7 +188,7 @@ impl Mesh {
         self.tracers.single().occluded_one(ray)
     }
 
-    /// Whether no triangle lies between two points; the points are included. For many pairs of points pass
+    /// True if no triangle lies between two points; the points are included. For many pairs of points pass
     /// [`Ray::between`] them to [`Mesh::occluded`].
     ///
     /// ```

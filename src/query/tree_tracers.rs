@@ -77,7 +77,7 @@ impl TreeTracers {
         }
     }
 
-    /// Whether each ray hits anything.
+    /// For each ray, true if it hits anything.
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
         let mut occluded = vec![false; rays.len()];
         self.occluded_into(rays, &mut occluded);

@@ -61,7 +61,7 @@ impl WorldHit {
     /// A miss.
     pub const NONE: Self = Self { t: f32::INFINITY, u: 0.0, v: 0.0, instance: MISS, primitive: MISS };
 
-    /// Whether the ray hit nothing.
+    /// True if the ray hit nothing.
     pub fn is_miss(&self) -> bool {
         self.primitive == MISS
     }
@@ -73,7 +73,7 @@ impl Default for WorldHit {
     }
 }
 
-/// Why instances cannot be placed.
+/// Error of placing instances.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldError {
@@ -82,7 +82,7 @@ pub enum WorldError {
     Transform {
         /// Index of the instance.
         instance: usize,
-        /// What is wrong with its transform.
+        /// The error of its transform.
         source: PlacementError,
     },
     /// A moved mesh leaves the range of coordinates.
@@ -214,7 +214,7 @@ impl World {
         (of_tree.iter().map(|hit| self.hit(hit)).collect(), ranges)
     }
 
-    /// Whether each ray hits anything. Faster than [`World::closest`].
+    /// For each ray, true if it hits anything. Faster than [`World::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
         self.tracers.occluded(rays)
     }
@@ -257,7 +257,7 @@ impl World {
         self.firsts.len() - 1
     }
 
-    /// Whether there are no instances.
+    /// True if there are no instances.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

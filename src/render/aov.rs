@@ -71,7 +71,7 @@ const UV_BITS: i32 = 16;
 const RADIANCE_BITS: i32 = 20;
 
 impl Aov {
-    /// Whether it comes from the ray through the pixel's centre and is never blended.
+    /// True if it comes from the ray through the pixel's centre and is never blended.
     pub const fn is_of_centre(self) -> bool {
         matches!(
             self,
@@ -142,7 +142,7 @@ impl AovSet {
         Self { transparent, ..self }
     }
 
-    /// Whether the set has an AOV.
+    /// True if the set has an AOV.
     pub fn has(&self, aov: Aov) -> bool {
         self.list.contains(&aov)
     }
@@ -152,12 +152,12 @@ impl AovSet {
         self.iter().fold(0, |bits, aov| bits | aov.bit())
     }
 
-    /// Whether the set has alpha.
+    /// True if the set has alpha.
     pub fn is_transparent(&self) -> bool {
         self.transparent
     }
 
-    /// Whether nothing is asked for.
+    /// True if nothing is asked for.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty() && !self.transparent
     }
@@ -167,12 +167,12 @@ impl AovSet {
         self.list.iter().copied()
     }
 
-    /// Whether an AOV of the set comes from rays through the pixels' centres.
+    /// True if an AOV of the set comes from rays through the pixels' centres.
     pub(super) fn has_centres(&self) -> bool {
         self.iter().any(Aov::is_of_centre)
     }
 
-    /// What a film needs for these layers of a scene, with at most `samples` samples a pixel. [`LayerPlan::bytes`]
+    /// Layers that a film needs for these of a scene, with at most `samples` samples a pixel. [`LayerPlan::bytes`]
     /// gives its size.
     pub fn plan(&self, scene: &Scene, samples: u32) -> LayerPlan {
         let bits = |aov: Aov| LayerPlan::fraction_bits(aov.bound_bits(scene), samples);
@@ -254,7 +254,7 @@ impl FromStr for AovSet {
     }
 }
 
-/// Why a frame cannot have layers.
+/// Error of layers that a frame cannot have.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum AovError {

@@ -10,7 +10,7 @@ use std::io::Write;
 use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// What a picture is a function of, by name: scene, camera, settings, seed, and always [`PICTURE_VERSION`]. A frame
+/// All that a picture is a function of, by name: scene, camera, settings, seed, and always [`PICTURE_VERSION`]. A frame
 /// continues from a checkpoint only if it agrees in all of it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -81,14 +81,14 @@ struct Header {
     noise: bool,
 }
 
-/// What the header says about an unfinished pass.
+/// Header's part about an unfinished pass.
 #[derive(Serialize, Deserialize)]
 struct PassHeader {
     blocks: Vec<u32>,
     samples: Range<u32>,
     /// Tiles that have been taken.
     taken: u64,
-    /// Whether their film follows.
+    /// True if their film follows.
     film: bool,
 }
 
@@ -107,7 +107,7 @@ impl PassHeader {
     }
 }
 
-/// Why a checkpoint cannot be used.
+/// Error of using a checkpoint.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
@@ -227,7 +227,7 @@ fn restore(integrator: &impl Integrator, header: Header, mut rest: &[u8]) -> Opt
     sound.then_some(State { film, noise, blocks, todo, unfinished, passes })
 }
 
-/// Whether a frame has these blocks and samples.
+/// True if a frame has these blocks and samples.
 fn is_pass(frame: &Frame, blocks: &[u32], samples: &Range<u32>) -> bool {
     let all = frame.blocks().count();
     blocks.iter().all(|&block| (block as usize) < all) && samples.end <= frame.settings().spp

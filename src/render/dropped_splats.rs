@@ -1,4 +1,4 @@
-//! Which materials made splats that the film dropped.
+//! Materials that made splats that the film dropped.
 
 use super::Frame;
 use crate::film::Film;
@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Dropped {
-    /// How many.
+    /// Their number.
     pub splats: u64,
     /// The first pixel that lacks some, row by row from the top.
     pub first_pixel: u32,

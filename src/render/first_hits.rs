@@ -1,4 +1,4 @@
-//! What camera rays hit first: the layers of a frame besides radiance.
+//! First hits of camera rays: the layers of a frame besides radiance.
 
 use super::aov::{Aov, COUNTS};
 use super::frame_layers::{Column, FrameLayers};
@@ -236,7 +236,7 @@ impl<L: Lanes> OutlinedTask<L> for AddHit<'_, '_, L> {
 }
 
 impl<L: Lanes> AddHit<'_, '_, L> {
-    /// Whether the frame has an AOV.
+    /// True if the frame has an AOV.
     #[inline(always)]
     fn has(&self, aov: Aov) -> bool {
         self.layers.bits & aov.bit() > 0

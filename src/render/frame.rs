@@ -42,12 +42,12 @@ pub struct Settings {
     pub seed: u64,
     /// The pixel filter.
     pub filter: PixelFilter,
-    /// Whether the frame may end before all samples are taken, by noise or time. Pixels then have `spp` samples at
+    /// True if the frame may end before all samples are taken, by noise or time. Pixels then have `spp` samples at
     /// most. Of the picture and its layers only [`super::Aov::Variance`] depends on it.
     pub may_end_early: bool,
 }
 
-/// Why a frame cannot be rendered.
+/// Error of settings with which no frame can be rendered.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SettingsError {
@@ -462,9 +462,9 @@ struct PatchRays<'a, O, E> {
     emit: &'a mut E,
 }
 
-/// What makes camera rays. A pinhole has code of its own.
+/// Source of camera rays. A pinhole has code of its own.
 trait Optics {
-    /// Whether there is a ray through every point of the picture.
+    /// True if there is a ray through every point of the picture.
     const SEES_ALL: bool;
 
     /// The rays through points of pixels. The sampler chooses points of the aperture; without it all rays pass the

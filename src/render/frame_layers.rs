@@ -19,13 +19,13 @@ pub(super) struct FrameLayers {
     pub aovs: AovSet,
     /// [`AovSet::bits`].
     pub bits: u32,
-    /// How the numbers of hits become integers, one for each sum.
+    /// Conversions of the numbers of hits to integers, one for each sum.
     pub columns: Vec<Column>,
     /// The topmost object above each object.
     assets: Vec<u32>,
 }
 
-/// How numbers become integers.
+/// Conversion of numbers to integers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Column {
     /// The greatest magnitude; greater ones are clamped.
@@ -136,7 +136,7 @@ impl Developer {
     }
 }
 
-/// What the layers of a film are made with, for files: the scene's names and the lens, but no geometry.
+/// Origin of a film's layers, for files: the scene's names and the lens, but no geometry.
 #[cfg(feature = "formats")]
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -162,7 +162,7 @@ impl LayerRecord {
         })
     }
 
-    /// Whether a film of this kind has these layers.
+    /// True if a film of this kind has these layers.
     pub fn is_of(&self, plan: &LayerPlan) -> bool {
         let Some(aovs) = self.aovs() else { return false };
         let wanted = aovs.plan(&self.names(), plan.samples);

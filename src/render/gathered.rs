@@ -132,7 +132,7 @@ impl<I: Integrator> Gathered<I> {
         }
     }
 
-    /// Whether all samples have been taken that are wanted.
+    /// True if all samples have been taken that are wanted.
     pub fn is_complete(&self) -> bool {
         self.frame.is_complete()
     }

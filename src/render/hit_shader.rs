@@ -56,13 +56,13 @@ use std::sync::Arc;
 /// # type Distances = HitShading<Distance>;
 /// ```
 pub trait HitShader: Send + Sync + Sized + 'static {
-    /// What travels with a ray: its pixel, for instance.
+    /// Payload that travels with a ray: its pixel, for instance.
     type Payload: Pod + Send + Sync;
 
-    /// What travels with a shadow ray. [`super::Contribution`] serves most shaders.
+    /// Payload that travels with a shadow ray. [`super::Contribution`] serves most shaders.
     type ShadowPayload: Pod + Send + Sync;
 
-    /// What the paths of a frame share while it is rendered: `()`, or a [`LoopStack`].
+    /// Memory that the paths of a frame share while it is rendered: `()`, or a [`LoopStack`].
     type Memory: PathMemory;
 
     /// The largest setting of max bounces.
@@ -116,7 +116,7 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         None
     }
 
-    /// Whether the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
+    /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
     /// they compute the interactions anyway, and may let camera rays pass surfaces.
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
@@ -140,7 +140,7 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     }
 }
 
-/// What the paths of a frame share while it is rendered.
+/// Memory that the paths of a frame share while it is rendered.
 pub trait PathMemory: Default + Send + Sync + 'static {
     /// Bytes allocated.
     fn bytes(&self) -> usize;
@@ -187,7 +187,7 @@ impl<S: HitShader> HitShading<S> {
         &self.shader
     }
 
-    /// What the paths of the frame share.
+    /// Memory that the paths of the frame share.
     pub fn memory(&self) -> &S::Memory {
         &self.memory
     }

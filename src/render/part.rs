@@ -23,7 +23,7 @@ impl Part {
         Self { region: Region::whole(settings.width, settings.height), samples: 0..settings.spp }
     }
 
-    /// Whether a frame with these settings has all of the part's samples, and the part has any.
+    /// True if a frame with these settings has all of the part's samples, and the part has any.
     pub fn is_of(&self, settings: &Settings) -> bool {
         self.region.is_within(settings.width, settings.height)
             && !self.samples.is_empty()
@@ -56,7 +56,7 @@ impl Part {
         rest
     }
 
-    /// What is left of the part without another: at most six parts.
+    /// Parts that are left of this one without another: at most six.
     fn minus(self, other: &Self) -> Vec<Self> {
         let Some(hole) = self.overlap(other) else { return vec![self] };
         let (columns, rows, samples) = (self.region.columns(), self.region.rows(), self.samples.clone());

@@ -26,7 +26,7 @@ const MAX_HEADER_BYTES: u64 = 1 << 28;
 /// Bytes that are read at a time.
 const READ_BYTES: usize = 1 << 16;
 
-/// What a partial film says about itself: which picture it is of, and which of its samples it has.
+/// Header of a partial film: which picture it is of, and which of its samples it has.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartialFilmHeader {
@@ -35,7 +35,7 @@ pub struct PartialFilmHeader {
     height: u32,
     spp: u32,
     kind: FilmKind,
-    /// What its layers are made with, if it has any.
+    /// Origin of its layers, if it has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     layers: Option<LayerRecord>,
     /// Bytes of the film before compression.
@@ -111,7 +111,7 @@ impl PartialFilmHeader {
         self.parts.iter().map(Part::count).sum()
     }
 
-    /// Whether sizes are in range and the parts are of the picture and do not overlap.
+    /// True if sizes are in range and the parts are of the picture and do not overlap.
     fn is_sound(&self) -> bool {
         let settings = self.settings();
         let is_disjoint =
@@ -180,7 +180,7 @@ pub struct PartialFilm {
     film: Arc<Film>,
 }
 
-/// Why partial films cannot be used.
+/// Error of using partial films.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PartialFilmError {
@@ -252,7 +252,7 @@ impl PartialFilm {
         if found == expected { Ok(self) } else { Err(PartialFilmError::Samples { found, expected }) }
     }
 
-    /// What the film is of.
+    /// The picture and the samples that the film is of.
     pub fn header(&self) -> &PartialFilmHeader {
         &self.header
     }

@@ -63,7 +63,7 @@ impl Blocks {
         rows.flat_map(move |y| columns.clone().map(move |x| y as usize * self.width as usize + x as usize))
     }
 
-    /// Whether a block has pixels in the region.
+    /// True if a block has pixels in the region.
     pub fn has(self, block: u32) -> bool {
         !self.pixels(block).0.is_empty()
     }
@@ -93,7 +93,7 @@ impl Blocks {
 pub struct Pass {
     blocks: Arc<[u32]>,
     samples: Range<u32>,
-    /// Whether its first tiles are the rays through the centres of the pixels.
+    /// True if its first tiles are the rays through the centres of the pixels.
     centres: bool,
     /// Tiles at its start that an earlier job has taken.
     taken: u64,
@@ -110,7 +110,7 @@ impl Pass {
         Self { centres, ..self }
     }
 
-    /// What is left of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
+    /// Rest of the pass when its first `tiles` tiles have been taken. `None` if it has fewer.
     pub(super) fn after(&self, tiles: u64) -> Option<Self> {
         (tiles <= self.tiles()).then(|| Self { taken: self.taken + tiles, ..self.clone() })
     }

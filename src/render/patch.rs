@@ -14,7 +14,7 @@ pub struct Patch {
     sums: Vec<u8>,
 }
 
-/// Why a patch cannot be added.
+/// Error of adding a patch.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PatchError {
@@ -30,7 +30,7 @@ pub enum PatchError {
 }
 
 impl Patch {
-    /// What the frame's pass has taken, once its job has ended.
+    /// Sums of the samples that the frame's pass has taken, once its job has ended.
     pub fn of(frame: &Frame) -> Self {
         let (blocks, samples) = (frame.pass().blocks().to_vec(), frame.pass().samples());
         let mut sums = Vec::new();

@@ -176,7 +176,7 @@ impl<L: Lanes> States<L> {
     }
 }
 
-/// What receives light at hits. `is_frosted` tells whether light from below counts.
+/// Receivers of light at hits. `is_frosted` tells whether light from below counts.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub(super) fn receiver<L: Lanes>(
     frame: &Frame,

@@ -87,7 +87,7 @@ impl FilterShape {
     }
 }
 
-/// Why there is no such pixel filter.
+/// Error of describing a pixel filter.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FilterError {

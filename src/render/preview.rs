@@ -100,7 +100,7 @@ struct Shared {
     developer: Developer,
 }
 
-/// What ends a frame early.
+/// Reasons to end a frame early.
 #[derive(Default)]
 struct Stops {
     requested: bool,

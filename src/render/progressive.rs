@@ -127,7 +127,7 @@ pub(super) struct State {
 
 /// A pass that is not complete, or whose predecessor is not.
 pub(super) struct UnfinishedPass {
-    /// What is left of it.
+    /// The samples that are left of it.
     pub rest: Pass,
     /// The samples of the tiles before.
     pub film: Option<Arc<Film>>,
@@ -347,7 +347,7 @@ impl<I: Integrator> Progressive<I> {
         measured.iter().map(relative).collect()
     }
 
-    /// How noisy the sum of all complete passes is; none unless [`PassOptions::noise`] asks.
+    /// Noise of the sum of all complete passes; none unless [`PassOptions::noise`] asks.
     pub fn noise(&self) -> Option<NoiseReport> {
         let errors: Vec<f64> = self.errors().into_iter().map(|(_, error)| error).collect();
         let mean = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
@@ -364,7 +364,7 @@ impl<I: Integrator> Progressive<I> {
         self.sum.preview().stop();
     }
 
-    /// Whether all samples have been taken that are wanted.
+    /// True if all samples have been taken that are wanted.
     pub fn is_complete(&self) -> bool {
         let State { blocks, todo, unfinished, .. } = &self.state;
         unfinished.is_empty() && (todo.start >= todo.end || blocks.is_empty())

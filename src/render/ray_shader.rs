@@ -181,7 +181,7 @@ impl<'a, P: Pod> RayHit<'a, P> {
         self.hit.t
     }
 
-    /// What travels with the ray.
+    /// Payload that travels with the ray.
     pub fn payload(&self) -> P {
         self.state.own
     }
@@ -214,7 +214,7 @@ impl<'a, P: Pod> RayHit<'a, P> {
         single::sky(self.frame.lights(), self.direction()).0
     }
 
-    /// Whether the rays that the call emits will be traced: not after the last bounce.
+    /// True if the rays that the call emits will be traced: not after the last bounce.
     pub fn may_go_on(&self) -> bool {
         self.state.depth < self.frame.settings().max_bounces
     }

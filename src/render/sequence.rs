@@ -54,7 +54,7 @@ impl<T> Sequence<T> {
         Self { under_way: VecDeque::new(), in_flight: in_flight.max(1) }
     }
 
-    /// Whether another job may be pushed.
+    /// True if another job may be pushed.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < self.in_flight
     }

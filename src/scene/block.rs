@@ -34,7 +34,7 @@ pub trait DeviceSurface: Debug + Send + Sync {
     /// The scalars of results that differ from point to point. They are kept with the hits.
     fn varying(&self) -> &[u32];
 
-    /// Whether the device has not failed yet.
+    /// True if the device has not failed yet.
     fn is_sound(&self) -> bool;
 
     /// Has the device compute the varying scalars of the first `points` points.

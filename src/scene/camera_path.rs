@@ -21,7 +21,7 @@ pub struct CameraPath {
     keys: Vec<Key>,
 }
 
-/// How a camera moves between two keys.
+/// Movement of a camera between two keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Interpolation {
@@ -48,7 +48,7 @@ fn upright() -> Vec3 {
     Vec3::Y
 }
 
-/// Why a camera path is invalid.
+/// Error of an invalid camera path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraPathError {

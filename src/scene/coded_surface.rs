@@ -40,7 +40,7 @@ pub struct SurfaceRequest {
     pub options: BTreeMap<String, String>,
 }
 
-/// How a scene file names a surface of user code.
+/// Name by which a scene file asks for a surface of user code.
 #[cfg(feature = "formats")]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]

@@ -1,7 +1,7 @@
-//! What a procedural surface computes beside the reflection of light.
+//! Effects that a procedural surface computes beside the reflection of light.
 
-/// What a [`super::Procedural`] computes beside colour, metal, roughness and clear coat. What it does not compute costs
-/// nothing. Values of [`super::Finish`] that are computed without being declared here fail the job with a message.
+/// Effects that a [`super::Procedural`] computes beside colour, metal, roughness and clear coat. Others cost nothing.
+/// Values of [`super::Finish`] that are computed without being declared here fail the job with a message.
 ///
 /// ```
 /// use raystream::scene::Effects;
@@ -15,15 +15,15 @@
 pub struct Effects {
     /// The greatest radiance of any channel that the surface emits. 0 if it emits nothing.
     pub emission_bound: f32,
-    /// Whether opacity is computed. Otherwise the surface is opaque.
+    /// True if opacity is computed. Otherwise the surface is opaque.
     pub has_opacity: bool,
-    /// Whether normals are computed. Otherwise they are the mesh's or the normal map's.
+    /// True if normals are computed. Otherwise they are the mesh's or the normal map's.
     pub has_normals: bool,
-    /// How light is transmitted. `None` if none is.
+    /// Transmission of light. `None` if there is none.
     pub transmission: Option<Transmission>,
 }
 
-/// How a surface transmits light.
+/// Way in which a surface transmits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Transmission {
@@ -77,13 +77,13 @@ impl Effects {
         Self { transmission: Some(Transmission::Body { ior }), ..self }
     }
 
-    /// Whether the surface emits light.
+    /// True if the surface emits light.
     #[inline]
     pub fn emits(&self) -> bool {
         self.emission_bound > 0.0
     }
 
-    /// Whether the finish must be known before the surface scatters light.
+    /// True if the finish must be known before the surface scatters light.
     #[inline]
     pub(crate) fn act_before_scattering(&self) -> bool {
         self.emits() || self.has_opacity || self.has_normals

@@ -38,7 +38,7 @@ macro_rules! default {
     };
 }
 
-/// What gives the scalars of a finish, one column each.
+/// Source of the scalars of a finish, one column each.
 pub(crate) trait FinishSource {
     /// Writes the column of a scalar. Scalars are counted over all fields.
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]);
@@ -133,7 +133,7 @@ fn same<L: Lanes>(a: Num<L>, b: Num<L>) -> Mask<L> {
 }
 
 impl<L: Lanes> Finish<L> {
-    /// What the surface computes without having declared it, if anything.
+    /// Effect that the surface computes without having declared it, if any.
     #[inline(always)]
     pub(super) fn undeclared(&self, points: &Points<'_, L>, effects: &Effects) -> Option<&'static str> {
         let one = Num::splat(points.lanes(), 1.0);

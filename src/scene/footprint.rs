@@ -42,7 +42,7 @@ impl<L: Lanes> Footprint<L> {
         Self { width: width * share.sqrt(), dither, ..Self::point(width.lanes()) }
     }
 
-    /// Whether to choose the second of two neighbours, across and down. `seconds` are the weights of the second
+    /// True to choose the second of two neighbours, across and down. `seconds` are the weights of the second
     /// neighbours. The choice uses bits of `dither` that hardly affect the choice of a mipmap level.
     #[inline(always)]
     pub fn chosen(&self, seconds: [Num<L>; 2]) -> [Mask<L>; 2] {

@@ -11,7 +11,7 @@ pub struct Colour {
     pub factor: Vec3,
     /// Its linear RGB multiplies the factor.
     pub texture: Option<TextureRef>,
-    /// Whether the RGB of [`super::Mesh::colours`] multiplies the factor, too.
+    /// True if the RGB of [`super::Mesh::colours`] multiplies the factor, too.
     pub vertex: bool,
 }
 
@@ -21,7 +21,7 @@ impl Colour {
         Self { factor, texture: None, vertex: false }
     }
 
-    /// Whether the colour is the same everywhere.
+    /// True if the colour is the same everywhere.
     pub fn is_constant(&self) -> bool {
         self.texture.is_none() && !self.vertex
     }
@@ -43,7 +43,7 @@ impl Scalar {
     }
 }
 
-/// How a surface scatters light.
+/// Scattering of light by a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there are few, and they stay where they are")]
 #[non_exhaustive]
@@ -81,9 +81,9 @@ pub enum Surface {
 pub struct Emission {
     /// Emitted radiance, ≥ 0, linear Rec. 709.
     pub radiance: Colour,
-    /// Whether the back emits too. The front is the side from which the corners are counter-clockwise.
+    /// True if the back emits too. The front is the side from which the corners are counter-clockwise.
     pub two_sided: bool,
-    /// Whether the surface is meant to light others. Light sampling then chooses its triangles. The light of other
+    /// True if the surface is meant to light others. Light sampling then chooses its triangles. The light of other
     /// surfaces (KHR_materials_unlit) is seen, and rays find it by chance.
     pub is_light: bool,
 }
@@ -113,7 +113,7 @@ pub enum AlphaMode {
 }
 
 impl AlphaMode {
-    /// Whether rays may pass the surface. Trees mark such triangles.
+    /// True if rays may pass the surface. Trees mark such triangles.
     pub fn is_masked(self) -> bool {
         self != Self::Opaque
     }
@@ -126,7 +126,7 @@ pub struct Alpha {
     pub mode: AlphaMode,
     /// Alpha, 0..=1. A texture's alpha is linear.
     pub value: Scalar,
-    /// Whether the alpha of [`super::Mesh::colours`] multiplies the value.
+    /// True if the alpha of [`super::Mesh::colours`] multiplies the value.
     pub vertex: bool,
 }
 
@@ -141,7 +141,7 @@ impl Default for Alpha {
 pub struct Material {
     /// Name in the file, used by warnings and reports.
     pub name: String,
-    /// How the surface scatters light.
+    /// Scattering of light by the surface.
     pub surface: Surface,
     /// Emitted light. `None` if the surface emits nothing, never a radiance of zero.
     pub emission: Option<Emission>,

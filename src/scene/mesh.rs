@@ -33,7 +33,7 @@ pub struct Mesh {
     pub materials: Vec<u32>,
 }
 
-/// Why a mesh is invalid.
+/// Error of an invalid mesh.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
@@ -165,7 +165,7 @@ impl Mesh {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    /// Whether any triangle has an area. Rays hit no triangle without one.
+    /// True if any triangle has an area. Rays hit no triangle without one.
     pub fn has_area(&self) -> bool {
         (0..self.triangles.len() as u32).any(|primitive| {
             let [a, b, c] = self.corners(primitive).map(Vec3::as_dvec3);

@@ -1,10 +1,10 @@
-//! What mipmap levels average, by the texture's use.
+//! Averages of mipmap levels, by the texture's use.
 
 use super::{AlphaMode, Channel, Scene, Surface};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
-/// What a texel of a mipmap level stores of the texels that it covers.
+/// Average that a texel of a mipmap level stores of the texels that it covers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Averaging {
     /// The mean of each channel. Colours are averaged as linear light, not as bytes.

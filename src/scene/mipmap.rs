@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Where the mipmap levels of an image are (Williams 1983, *Pyramidal Parametrics*). The default has no levels, so
+/// Place of the mipmap levels of an image (Williams 1983, *Pyramidal Parametrics*). The default has no levels, so
 /// every lookup reads the image.
 #[derive(Clone, Debug, Default)]
 pub struct Mipmap {
@@ -84,7 +84,7 @@ impl Mipmap {
         (self.levels.len() as u32).saturating_sub(1)
     }
 
-    /// Whether the levels are those of an image of this size and lie within `texels` texels.
+    /// True if the levels are those of an image of this size and lie within `texels` texels.
     pub(super) fn fits(&self, (width, height): (u32, u32), texels: usize) -> bool {
         let is_inside = |level: &Level| {
             let pixels = u64::from(level.width) * u64::from(level.height);
@@ -94,7 +94,7 @@ impl Mipmap {
         self.levels.iter().all(is_inside) && self.levels.first().is_none_or(is_of_image)
     }
 
-    /// What a texel of a level averages.
+    /// Average that a texel of a level holds.
     #[inline]
     pub(super) fn mean(&self) -> Averaging {
         self.mean

@@ -159,12 +159,12 @@ impl Scene {
         self.mesh.bounds()
     }
 
-    /// Whether both scenes have the same mesh and shapes in memory.
+    /// True if both scenes have the same mesh and shapes in memory.
     pub fn shares_geometry(&self, other: &Self) -> bool {
         Shared::is_same(&self.mesh, &other.mesh) && Shared::is_same(&self.shapes, &other.shapes)
     }
 
-    /// Whether each material has an alpha mode other than opaque.
+    /// For each material, true if its alpha mode is not opaque.
     pub(crate) fn masked_materials(&self) -> Vec<bool> {
         self.materials.iter().map(|material| material.alpha.mode.is_masked()).collect()
     }
@@ -186,7 +186,7 @@ impl Scene {
         (self.mesh.bytes() + self.shapes.iter().map(shape).sum::<usize>() + textures + map) as u64
     }
 
-    /// Whether the material of `primitive` has an alpha mode other than opaque. Only such triangles need
+    /// True if the material of `primitive` has an alpha mode other than opaque. Only such triangles need
     /// [`Scene::alpha_accepts`] during traversal.
     pub fn is_masked(&self, primitive: u32) -> bool {
         let material = self.mesh.materials[primitive as usize];

@@ -90,7 +90,7 @@ impl Objects {
         self.list.len()
     }
 
-    /// Whether there are no objects.
+    /// True if there are no objects.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
@@ -158,7 +158,7 @@ impl Objects {
             .map(|((&start, end), &owner)| (start..end, Some(owner).filter(|&owner| owner != Self::NONE)))
     }
 
-    /// What pictures can depend on: the first triangle and the object of each run.
+    /// Columns that pictures can depend on: the first triangle and the object of each run.
     pub(super) fn columns(&self) -> [&[u32]; 2] {
         [&self.starts, &self.owners]
     }

@@ -6,7 +6,7 @@ use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef}
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
 
-/// What takes the scalars of points, one column each. Truth values are 1 and 0.
+/// Sink of the scalars of points, one column each. Truth values are 1 and 0.
 pub(crate) trait PointSink {
     /// Takes the column of a scalar. Scalars are counted over all fields.
     fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]);

@@ -22,7 +22,7 @@ pub struct Principled {
     pub specular_colour: Colour,
     /// Share of the diffuse reflection that transmission replaces, 0..=1 (KHR_materials_transmission).
     pub transmission: Scalar,
-    /// Whether the surface is a thin wall, through which light passes without refraction. Otherwise it bounds a
+    /// True if the surface is a thin wall, through which light passes without refraction. Otherwise it bounds a
     /// closed body and refracts (KHR_materials_volume with a thickness above 0).
     pub thin: bool,
     /// Strength of the clear coat, 0..=1 (KHR_materials_clearcoat).
@@ -83,7 +83,7 @@ impl Default for Principled {
 const LINES_NM: [f32; 3] = [656.3, 587.6, 486.1];
 
 impl Principled {
-    /// Whether the surface refracts red, green and blue light differently.
+    /// True if the surface refracts red, green and blue light differently.
     #[inline]
     pub fn is_dispersive(&self) -> bool {
         self.dispersion > 0.0 && self.transmission.factor != 0.0 && !self.thin
@@ -109,7 +109,7 @@ impl Principled {
         one
     }
 
-    /// Whether the surface has a clear coat or other coats.
+    /// True if the surface has a clear coat or other coats.
     #[inline]
     pub fn has_coats(&self) -> bool {
         self.clearcoat.factor != 0.0 || !self.coats.is_empty()

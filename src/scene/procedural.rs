@@ -54,7 +54,7 @@ pub trait Procedural: Debug + Send + Sync + 'static {
     /// The finish of the surface at these points.
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L>;
 
-    /// What [`Procedural::finish`] computes of emission, opacity, normals and transmission. By default nothing.
+    /// Effects that [`Procedural::finish`] computes of emission, opacity, normals and transmission. By default nothing.
     fn effects(&self) -> Effects {
         Effects::default()
     }
@@ -86,7 +86,7 @@ impl ProceduralSurface {
         Self { effects: surface.effects(), surface: Arc::new(surface) }
     }
 
-    /// What [`Procedural::effects`] returned.
+    /// Effects that [`Procedural::effects`] returned.
     #[inline]
     pub fn effects(&self) -> &Effects {
         &self.effects

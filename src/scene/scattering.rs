@@ -61,7 +61,7 @@ pub trait Scattering: Debug + Send + Sync + 'static {
     /// the direction; all are in [0, 1).
     fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Scattered<L>;
 
-    /// Whether the surface transmits light from below, from directions with `wi.z < 0`.
+    /// True if the surface transmits light from below, from directions with `wi.z < 0`.
     fn transmits(&self) -> bool {
         false
     }

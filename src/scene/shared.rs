@@ -32,7 +32,7 @@ impl<T> Shared<T> {
         Arc::unwrap_or_clone(this.0)
     }
 
-    /// Whether both are the same value in memory, so that they are equal without a comparison.
+    /// True if both are the same value in memory, so that they are equal without a comparison.
     pub fn is_same(a: &Self, b: &Self) -> bool {
         Arc::ptr_eq(&a.0, &b.0)
     }

@@ -54,7 +54,7 @@ pub struct SurfaceField {
     pub range: &'static str,
     /// The value of a surface that does not set the field. Empty for what a surface is given.
     pub default: &'static str,
-    /// Whether the value is computed only when a surface asks for it. In Rust it is then a method.
+    /// True if the value is computed only when a surface asks for it. In Rust it is then a method.
     pub is_computed: bool,
     /// Meaning.
     pub doc: &'static str,

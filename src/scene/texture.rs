@@ -5,7 +5,7 @@ use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane};
 use glam::{Vec2, Vec4};
 use serde::{Deserialize, Serialize};
 
-/// How stored values relate to light.
+/// Relation of stored values to light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum ColourSpace {
@@ -75,7 +75,7 @@ pub struct Texture {
     pub wrap_u: Wrap,
     /// Vertical addressing mode.
     pub wrap_v: Wrap,
-    /// Where the mipmap levels are in `texels`. Footprints of more than a texel look them up.
+    /// Place of the mipmap levels in `texels`. Footprints of more than a texel look them up.
     pub mipmap: Mipmap,
 }
 
@@ -130,7 +130,7 @@ impl Texture {
         (self.texels, self.mipmap) = Mipmap::new(self.image(), (self.width, self.height), self.space, mean);
     }
 
-    /// Whether alpha of the mipmap levels stores the roughness of averaged normals ([`Averaging::Normals`]).
+    /// True if alpha of the mipmap levels stores the roughness of averaged normals ([`Averaging::Normals`]).
     #[inline(always)]
     pub fn stores_roughness(&self) -> bool {
         self.mipmap.mean() == Averaging::Normals

@@ -27,7 +27,7 @@ pub struct Interaction<L: Lanes> {
     pub basis: Basis<L>,
     /// The shape of the coats where their normals differ from those of the layers below.
     pub coat: Option<CoatShape<L>>,
-    /// Where the inputs of the material are looked up.
+    /// Point at which the inputs of the material are looked up.
     pub texture: TexturePoint<L>,
     /// Lanes that are hit on the front: `wo` is on the side from which the triangle's vertices run
     /// counter-clockwise.
@@ -230,7 +230,7 @@ impl<L: Lanes> OutlinedTask<L> for FinishTask<'_, L> {
 
 /// The maps that change a material's shading bases.
 struct Maps<'a> {
-    /// Whether the material has a normal map.
+    /// True if the material has a normal map.
     normal: bool,
     anisotropy: Option<&'a Anisotropy>,
     /// `None` if the coats share the material's normals. Otherwise the coats' own normal map, or `Some(None)`

@@ -22,10 +22,10 @@ pub struct Interaction {
     pub basis: Basis,
     /// Mesh texture coordinates of set 0.
     pub uv: Vec2,
-    /// Whether the front is hit: `wo` is on the side from which the triangle's vertices run
+    /// True if the front is hit: `wo` is on the side from which the triangle's vertices run
     /// counter-clockwise.
     pub front: bool,
-    /// Whether `wo` is outside of the body.
+    /// True if `wo` is outside of the body.
     pub outside: bool,
     /// Start of scattered rays.
     pub raised: Vec3,
@@ -93,7 +93,7 @@ pub struct Sample {
     pub weight: Vec3,
     /// Density per solid angle; +∞ where `specular`.
     pub pdf: f32,
-    /// Whether `wi` is one of finitely many possible directions.
+    /// True if `wi` is one of finitely many possible directions.
     pub specular: bool,
     /// Index of refraction of the medium that `wi` points into relative to that of `wo`.
     pub eta: f32,
@@ -148,12 +148,12 @@ impl<'s> Bsdf<'s> {
         }
     }
 
-    /// Whether light sampling must also consider light from below the surface.
+    /// True if light sampling must also consider light from below the surface.
     pub fn is_frosted(&self) -> bool {
         self.0.is_frosted()
     }
 
-    /// Whether the BSDF is purely specular, so that light sampling never contributes.
+    /// True if the BSDF is purely specular, so that light sampling never contributes.
     pub fn is_smooth(&self) -> bool {
         self.0.is_smooth()
     }
@@ -182,7 +182,7 @@ pub struct LightSample {
     pub radiance: Vec3,
     /// Density per solid angle; where `delta`, the probability of choosing the light.
     pub pdf: f32,
-    /// Whether only light sampling can find this light.
+    /// True if only light sampling can find this light.
     pub delta: bool,
     lane: light::LightSample<SingleLane>,
 }

@@ -1,4 +1,4 @@
-//! How much a ray stream holds.
+//! Capacity of a ray stream.
 
 use super::{Hit, Ray};
 

@@ -5,7 +5,7 @@ use super::{Hit, InPlace, Ray, RayArray, Tracer};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What tracers use of a stream. While chunks are out, several threads read the rays at once. Each computes
+/// Data of a stream that tracers use. While chunks are out, several threads read the rays at once. Each computes
 /// its answers in its own [`ChunkScratch`] and copies them here under the lock.
 #[derive(Debug, Default)]
 pub(super) struct StreamData {
@@ -92,7 +92,7 @@ impl Chunk {
         self.rays.len() + self.shadow_rays.len()
     }
 
-    /// Whether there is nothing to trace. No chunk of a stream is empty.
+    /// True if there is nothing to trace. No chunk of a stream is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -27,7 +27,7 @@ pub trait DeviceMemory<T>: Any + Debug + Send + Sync {
     /// If the device may be reading or writing them.
     fn as_mut_slice(&mut self) -> &mut [T];
 
-    /// Whether the host owns the memory and the device is not lost. A stream replaces other memory before it
+    /// True if the host owns the memory and the device is not lost. A stream replaces other memory before it
     /// is filled again.
     fn is_sound(&self) -> bool;
 }
@@ -124,7 +124,7 @@ impl RayArray {
         self.len
     }
 
-    /// Whether there are no rays.
+    /// True if there are no rays.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -215,7 +215,7 @@ impl RayAppender<'_> {
         *self.len
     }
 
-    /// Whether there are no rays.
+    /// True if there are no rays.
     pub fn is_empty(&self) -> bool {
         *self.len == 0
     }

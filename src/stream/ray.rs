@@ -66,7 +66,7 @@ impl Hit {
     /// A miss.
     pub const NONE: Self = Self { t: f32::INFINITY, u: 0.0, v: 0.0, primitive: MISS };
 
-    /// Whether the ray hit nothing.
+    /// True if the ray hit nothing.
     #[inline]
     pub fn is_miss(&self) -> bool {
         self.primitive == MISS

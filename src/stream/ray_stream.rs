@@ -43,7 +43,7 @@ pub struct Tracing {
 pub struct Traced {
     /// Number of rays taken for shading.
     shaded: usize,
-    /// Whether the shadow rays have been taken.
+    /// True if the shadow rays have been taken.
     shadows_taken: bool,
 }
 
@@ -52,7 +52,7 @@ pub struct Traced {
 /// `S` that of shadow rays.
 #[derive(Debug)]
 pub struct RayStream<State, P, S> {
-    /// What tracers use. Shared with chunks in the state [`Tracing`] only.
+    /// Data that tracers use. Shared with chunks in the state [`Tracing`] only.
     data: Arc<StreamData>,
     payloads: Vec<P>,
     shadow_payloads: Vec<S>,
@@ -106,7 +106,7 @@ pub type Dispatched<P, S> = (RayStream<Traced, P, S>, DeviceReport);
 pub struct Untraced<P, S> {
     /// The stream.
     pub stream: RayStream<Full, P, S>,
-    /// Why the device failed.
+    /// Reason of the device's failure.
     pub reason: String,
 }
 
@@ -311,7 +311,7 @@ impl<P, S> RayStream<Tracing, P, S> {
         chunk
     }
 
-    /// Whether a chunk belongs to this stream.
+    /// True if a chunk belongs to this stream.
     pub fn owns(&self, chunk: &TracedChunk) -> bool {
         chunk.is_of(&self.data)
     }
@@ -325,7 +325,7 @@ impl<P, S> RayStream<Tracing, P, S> {
         self.state.chunks_out -= 1;
     }
 
-    /// Whether all rays were in chunks, and all chunks are back.
+    /// True if all rays were in chunks, and all chunks are back.
     pub fn is_traced(&self) -> bool {
         self.left() == 0 && self.state.chunks_out == 0
     }

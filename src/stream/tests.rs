@@ -176,7 +176,7 @@ struct SharingDevice {
 #[derive(Debug)]
 struct SharedMemory<T> {
     elements: Vec<T>,
-    /// Whether the device owns it for good.
+    /// True if the device owns it for good.
     is_device_owned: bool,
     lost: Arc<AtomicBool>,
 }

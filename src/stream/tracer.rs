@@ -50,7 +50,7 @@ pub struct InPlace<'a> {
     pub occluded: &'a mut dyn DeviceMemory<u32>,
 }
 
-/// What one dispatch cost.
+/// Cost of one dispatch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceReport {
     /// Bytes copied between host and device memory, both ways.
@@ -89,7 +89,7 @@ pub struct Sizing {
     pub in_flight: usize,
 }
 
-/// Why a device did not answer. The answers are then unspecified, and the caller traces the rays on the host.
+/// Reason why a device did not answer. The answers are then unspecified, and the caller traces the rays on the host.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {

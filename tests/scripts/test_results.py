@@ -65,12 +65,12 @@ class Results(unittest.TestCase):
         self.assertIn("| 4 | 60.0 | 59.0 | 61.0 | 57.0 | -5.0 % | 97 % | 98 % |", page)
         self.assertIn("scripts/farm_plan_check plancheck.json --rounds 1\n", page)
         row = {
-            "job": "still", "machines": 200, "seconds": 61.25, "speedup": 150.0, "efficiency": 0.75, "idle_share": 0.2,
+            "job": "still", "machines": 100, "seconds": 61.25, "speedup": 150.0, "efficiency": 0.75, "idle_share": 0.2,
             "network_share": 0.125, "busiest": "planner", "busiest_share": 0.5,
         }
         run, page = self.write(PAGE.replace("schedule", "plan"), self.sheet("farm plan --json a/p.json", row), "plan")
         self.assertEqual(run.returncode, 0, run.stderr)
-        self.assertIn("| still | 200 | 61.2 | 150.0 | 75.0 % | 20 % | 12.5 % | planner | 50 % |", page)
+        self.assertIn("| still | 100 | 61.2 | 150.0 | 75.0 % | 20 % | 12.5 % | planner | 50 % |", page)
 
     def test_the_service_has_three_tables(self):
         times = {"p50": 0.001, "p99": 0.0123, "worst": 0.5}
@@ -97,13 +97,14 @@ class Results(unittest.TestCase):
         sheet = self.sheet("bench latency cornell.json", query, beside)
         run, page = self.write(PAGE.replace("schedule", "latency"), sheet, "latency")
         self.assertEqual(run.returncode, 0, run.stderr)
-        self.assertIn("| interactive | 4 | 1 | 1.5 | 3.0 | 9.0 |", page)
+        self.assertIn("| query | frames | 1 ray |", page)
+        self.assertIn("| interactive | 4 | 1.5 (3.0) |", page)
         self.assertIn("| frame, a client registered | 10.00 | 11.00 | 9.00 | 3.2 % |", page)
 
     def test_rays_have_ratios_means_and_leasts(self):
         row = lambda scene, simd, speed, ratio: {
             "scene": scene, "kind": "bounce", "unit": "raystream", "simd": simd, "order": "rows",
-            "mray_per_s": {"median": speed}, "ratio": {"embree": ratio},
+            "mray_per_s": {"median": speed}, "ratio": {"embree": ratio, "obvhs": 2 * ratio},
         }
         rows = [row("a.obj", "avx2", 5.0, 1.0), row("a.obj", "avx512", 10.0, 2.0), row("b.obj", "avx512", 30.0, 8.0)]
         sheet = self.sheet("bench rays a.obj b.obj", *rows)
@@ -111,12 +112,21 @@ class Results(unittest.TestCase):
         self.assertEqual(run.returncode, 0, run.stderr)
         self.assertIn("| a | 10.0 (2.00) |\n| b | 30.0 (8.00) |\n", page)
         self.assertIn("| geometric mean of the ratios | 4.00 |\n| least ratio | 2.00 |\n", page)
+        self.assertIn("| tracer, obvhs | 2 | 8.00 (4.00) |\n", page)
 
-    def test_a_page_without_the_block_is_left_alone(self):
-        run, page = self.write("# Page\n", {"machine": {}, "rows": []})
+    def test_a_page_without_the_block_gets_one(self):
+        row = {"threads": 2, "load": "empty", "tasks_per_s": {"median": 1e6}}
+        run, page = self.write("# Page\n", self.sheet("bench schedule", row))
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertTrue(page.startswith("# Page\n\n<!-- begin: schedule -->\n"))
+        self.assertTrue(page.endswith("<!-- end: schedule -->\n"))
+
+    def test_a_page_with_half_a_block_is_left_alone(self):
+        half = "# Page\n<!-- end: schedule -->\n"
+        run, page = self.write(half, {"machine": {}, "rows": []})
         self.assertNotEqual(run.returncode, 0)
         self.assertIn("has no block", run.stderr)
-        self.assertEqual(page, "# Page\n")
+        self.assertEqual(page, half)
 
 
 if __name__ == "__main__":

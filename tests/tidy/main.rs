@@ -6,13 +6,16 @@
 mod breach;
 mod commands;
 mod dependencies;
+mod doc_lines;
 mod imports;
 mod links;
 mod lints;
+mod lists;
 mod markdown;
 mod numbers;
 mod package;
 mod pins;
+mod results;
 mod rust;
 mod sizes;
 mod text;

@@ -18,7 +18,7 @@ const PRIMITIVE: usize = 5;
 
 /// Masked triangles of a scene and the alpha test that decides about their hits.
 pub struct Mask {
-    /// Whether each triangle is masked.
+    /// For each triangle, true if it is masked.
     pub masked: Vec<bool>,
     /// The alpha test.
     pub filter: Arc<dyn Filter>,

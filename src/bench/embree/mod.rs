@@ -28,7 +28,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicIsize, Ordering};
 use std::time::Instant;
 
-/// Why Embree cannot be used.
+/// Error of loading or calling Embree.
 #[derive(Debug, thiserror::Error)]
 pub enum EmbreeError {
     /// The library cannot be loaded or lacks a function.
@@ -42,7 +42,7 @@ pub enum EmbreeError {
     /// An Embree call failed.
     #[error("Embree could not {action}: error {code}")]
     Refused {
-        /// What the call was for.
+        /// Purpose of the call.
         action: &'static str,
         /// Embree's error code.
         code: c_int,
@@ -76,10 +76,10 @@ impl Quality {
     }
 }
 
-/// How a scene is built.
+/// Options of building a scene.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BuildOptions {
-    /// Whether rays cannot slip through between triangles (Embree's robust flag).
+    /// True if rays cannot slip through between triangles (Embree's robust flag).
     pub robust: bool,
     /// The tree's quality.
     pub quality: Quality,
@@ -306,7 +306,7 @@ impl Drop for EmbreeScene<'_> {
 }
 
 impl EmbreeScene<'_> {
-    /// Whether it was built with the robust flag.
+    /// True if it was built with the robust flag.
     pub fn is_robust(&self) -> bool {
         self.robust
     }

@@ -11,7 +11,7 @@ use crate::stream::{Hit, MISS, Ray};
 use std::ffi::c_uint;
 use std::ptr;
 
-/// How rays are passed to Embree.
+/// Form in which rays are passed to Embree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// One at a time.
@@ -66,7 +66,7 @@ impl EmbreeRays {
         }
     }
 
-    /// Whether an any-hit query found the ray occluded.
+    /// True if an any-hit query found the ray occluded.
     pub fn is_occluded(&self, ray: usize) -> bool {
         let t_far = match self.mode {
             Mode::Single => self.one[ray].t_far,
@@ -80,7 +80,7 @@ impl EmbreeRays {
         self.len
     }
 
-    /// Whether there are none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -18,7 +18,7 @@ use std::path::Path;
 /// Positions and triangles.
 pub type Triangles = (Vec<Vec3>, Vec<[u32; 3]>);
 
-/// What a command's help says of SCENE.
+/// Help text of the argument SCENE.
 pub const SCENE_HELP: &str = "Scene file, or a generated scene: terrain:N (hills of 2 N² triangles), fur:N (a ball \
     with N hairs of 12 triangles), box:N (an empty box, walls of N × N cells), hidden-lamp:N (a closed room with N \
     pieces of furniture and a lamp behind its ceiling), level:N (N × N rooms of large polygons with doors), \
@@ -43,7 +43,7 @@ const GENERATORS: [Generator; 7] = [
     Generator { name: "leaves", most: 1 << 24, generate: leaves::leaves },
 ];
 
-/// Why there is no scene to measure.
+/// Error of reading or generating a scene to measure.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
     /// A generated scene whose size is no number or out of range.

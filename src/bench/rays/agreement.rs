@@ -11,7 +11,7 @@ const SAME_T: f32 = 1e-4;
 /// The most rays that are listed.
 const EXAMPLES: usize = 16;
 
-/// How raystream's hits compare with those of Embree's robust mode. With an alpha test, the two may look up
+/// Agreement of raystream's hits with those of Embree's robust mode. With an alpha test, the two may look up
 /// different texels where `u` and `v` differ in their last bits.
 #[derive(Clone, Debug, Serialize)]
 pub struct Agreement {

@@ -1,4 +1,4 @@
-//! Who takes part, and with which rays.
+//! Contenders, and the rays of each.
 
 use super::{Kind, Order, Workload};
 use crate::stream::{DeviceError, Ray};
@@ -29,11 +29,11 @@ pub struct Contender<'a> {
     pub name: String,
     pub threads: usize,
     pub simd: Option<&'static str>,
-    /// Whether it is watertight.
+    /// True if it is watertight.
     pub is_robust: bool,
-    /// Whether it gets one ray in eight.
+    /// True if it gets one ray in eight.
     pub is_slow: bool,
-    /// What a user would not do for each call (converting rays, allocating memory that is reused) is outside its
+    /// Measures one round. Work that a user would not do for each call (converting rays, allocating) is outside its
     /// seconds.
     pub round: Round<'a>,
 }

@@ -5,8 +5,8 @@ use super::{Kind, Row, Spread};
 use crate::stream::DeviceError;
 use std::collections::HashMap;
 
-/// How often a contender tries each order. The faster of two tries leaves out most of what other load on the machine
-/// does.
+/// Number of times that a contender tries each order. The faster of two tries leaves out most of what other load on the
+/// machine does.
 const TRIES: usize = 2;
 
 /// Finds the order in which each contender is fastest, then times all in interleaved rounds, whatever their threads.

@@ -34,7 +34,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What to measure.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Kinds of rays.
@@ -45,7 +45,7 @@ pub struct Options {
     pub threads: Vec<usize>,
     /// SIMD levels of the CPU tracer.
     pub levels: Vec<SimdLevel>,
-    /// Whether the slow contenders (the scalar reference and obvhs) take part, with one ray in eight.
+    /// True if the slow contenders (the scalar reference and obvhs) take part, with one ray in eight.
     pub slow_units: bool,
 }
 
@@ -69,7 +69,7 @@ pub struct Row {
     pub threads: usize,
     /// SIMD level of raystream's CPU tracers.
     pub simd: Option<&'static str>,
-    /// Whether candidate hits had an alpha test.
+    /// True if candidate hits had an alpha test.
     pub alpha_test: bool,
     /// Millions of rays per second over the rounds.
     pub mray_per_s: Spread,
@@ -88,7 +88,7 @@ pub struct Report {
     pub agreement: Vec<Agreement>,
 }
 
-/// Why there are no results.
+/// Error of the measurement.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// Embree reports an error.

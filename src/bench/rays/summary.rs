@@ -1,4 +1,4 @@
-//! What several scenes say together.
+//! Summary of several scenes.
 
 use super::{Kind, Row};
 use serde::Serialize;

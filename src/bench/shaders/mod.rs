@@ -47,7 +47,7 @@ pub struct Options {
 /// Results of one surface, of one size of blocks, or of loading.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// What is measured.
+    /// Name of the row.
     pub configuration: String,
     /// Hits of a block, if the row is about one size.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,7 +68,7 @@ pub struct Row {
     pub cycles: Option<f64>,
 }
 
-/// Why shaders could not be measured.
+/// Error of measuring shaders.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShaderBenchError {
@@ -94,7 +94,7 @@ pub struct Bench<'a> {
     pub options: Options,
 }
 
-/// How a frame is shaded.
+/// Way in which a frame is shaded.
 enum Shading {
     /// By the path tracer.
     Path,
@@ -242,7 +242,7 @@ impl Bench<'_> {
         Ok((seconds, shade_ns as f64 / report.rays.total() as f64))
     }
 
-    /// What an operation costs at 16 points, by the size of blocks: wood with its noise written out.
+    /// Cost of an operation at 16 points, by the size of blocks: wood with its noise written out.
     fn operations(&self) -> Result<Vec<Row>, ShaderError> {
         let mhz = Clock::find().and_then(|clock| clock.mhz());
         let mut rows = Vec::new();
@@ -279,7 +279,7 @@ impl Bench<'_> {
         Ok(rows)
     }
 
-    /// How long it takes to parse, validate and lower a file.
+    /// Time to parse, validate and lower a file.
     fn loading(&self) -> Result<Row, ShaderError> {
         let mut text = String::from(WOOD);
         let mut lines = text.lines().count();

@@ -29,7 +29,7 @@ pub struct Row {
     pub times_as_long: f64,
 }
 
-/// Why a frame could not be rendered.
+/// Error of rendering a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum EffectsError {
     /// A setting is out of range.

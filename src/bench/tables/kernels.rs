@@ -24,7 +24,7 @@ pub struct Row {
     pub least_ns: Spread,
     /// Nanoseconds for one that hits.
     pub most_ns: Spread,
-    /// How many times as fast as one lane, where tests hit.
+    /// Speed by that of one lane, where tests hit.
     pub speedup: f64,
 }
 

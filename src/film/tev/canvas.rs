@@ -38,7 +38,7 @@ impl Canvas {
         Self { width: image.width, height: image.height, channels, values }
     }
 
-    /// Whether size and channels are the same.
+    /// True if size and channels are the same.
     pub fn has_shape_of(&self, other: &Self) -> bool {
         (self.width, self.height, &self.channels) == (other.width, other.height, &other.channels)
     }
@@ -60,7 +60,7 @@ impl Canvas {
         })
     }
 
-    /// Whether a bit of a tile differs from that of a canvas of the same shape.
+    /// True if a bit of a tile differs from that of a canvas of the same shape.
     pub fn differs(&self, other: &Self, tile: Region) -> bool {
         let bits = |row| bytemuck::cast_slice::<f32, u32>(row);
         self.rows(tile).zip(other.rows(tile)).any(|(a, b)| bits(a) != bits(b))

@@ -57,7 +57,7 @@ fn compression(compression: ExrCompression) -> Compression {
     }
 }
 
-/// Where the picture lies in a larger one, and that one's size.
+/// Place of the picture in a larger one, and that one's size.
 fn windows(picture: &Picture) -> (Vec2<i32>, Option<Vec2<usize>>) {
     let fact = |name: &str| picture.metadata.get(name).map(String::as_str);
     let region = fact(Picture::REGION).and_then(numbers::<u32, 4>);
@@ -143,7 +143,7 @@ fn prefix(layer: &str) -> String {
     }
 }
 
-/// Whether half-precision floats suffice for a layer.
+/// True if half-precision floats suffice for a layer.
 fn may_be_half(layer: &str) -> bool {
     matches!(layer, "normal" | "shading-normal" | "albedo" | "emission")
 }

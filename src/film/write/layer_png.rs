@@ -5,7 +5,7 @@ use super::{LayerFormat, PngBits, png};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// How the values of a layer are stored.
+/// Coding of a layer's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Coding {
     /// Distances in steps of a unit that the file states; 0 for a miss. Always 16 bits.
@@ -38,7 +38,8 @@ impl Coding {
         })
     }
 
-    /// How values follow from what is stored, for the file's metadata. `v` is a channel divided by its greatest value.
+    /// Rule by which values follow from what is stored, for the file's metadata. `v` is a channel divided by its
+    /// greatest value.
     fn rule(self) -> &'static str {
         match self {
             Self::Distance => "value = unit * stored; 0: nothing",
@@ -52,13 +53,13 @@ impl Coding {
     }
 }
 
-/// Whether PNG files hold the layer of this name. Positions, texture coordinates and variances have no bounds, and
+/// True if PNG files hold the layer of this name. Positions, texture coordinates and variances have no bounds, and
 /// coverage has several ids a pixel.
 pub fn holds(layer: &str) -> bool {
     Coding::of(layer).is_some()
 }
 
-/// What a PNG file holds.
+/// Contents of a PNG file.
 struct Stored {
     bytes: Vec<u8>,
     channels: u8,

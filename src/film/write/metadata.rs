@@ -16,7 +16,7 @@ pub fn as_json(picture: &Picture) -> String {
     serde_json::to_string_pretty(&picture.metadata).expect("texts are JSON")
 }
 
-/// Whether the layer of this name has ids with names.
+/// True if the layer of this name has ids with names.
 pub fn has_names(layer: &str) -> bool {
     matches!(layer, "object" | "material") || layer.starts_with("crypto-")
 }

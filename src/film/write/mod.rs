@@ -22,7 +22,7 @@ use ::image::{ExtendedColorType, ImageEncoder, ImageError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Why a picture could not be written.
+/// Error of writing a picture.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WriteError {
@@ -70,7 +70,7 @@ impl Format {
         }
     }
 
-    /// Whether the picture's own file holds all layers.
+    /// True if the picture's own file holds all layers.
     pub fn holds_layers(self) -> bool {
         matches!(self, Self::Exr | Self::Npz)
     }

@@ -1,8 +1,8 @@
-//! How pictures are encoded.
+//! Encoding of pictures.
 
 use super::layer_png;
 
-/// How pictures are encoded, besides their look.
+/// Encoding of pictures, besides their look.
 ///
 /// ```
 /// use raystream::film::{ExrCompression, PngBits, WriteOptions};
@@ -83,7 +83,7 @@ pub enum PngBits {
     Sixteen,
 }
 
-/// How EXR files are compressed. All of them are lossless.
+/// Compression of EXR files. All kinds are lossless.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ExrCompression {

@@ -56,24 +56,24 @@ host_functions! {
 }
 
 impl HostFunction {
-    /// Whether it does something beside returning a value.
+    /// True if it does something beside returning a value.
     pub fn is_effect(self) -> bool {
         matches!(self, Self::Splat | Self::Shadow | Self::Spawn | Self::Push | Self::Trace(_))
     }
 
-    /// Whether it is `trace`.
+    /// True if it is `trace`.
     pub(in crate::program) fn is_trace(self) -> bool {
         matches!(self, Self::Trace(_))
     }
 
-    /// Whether it needs the surface that a ray has hit.
+    /// True if it needs the surface that a ray has hit.
     #[inline]
     pub fn needs_hit(self) -> bool {
         matches!(self, Self::World | Self::Leave | Self::Light | Self::Evaluate | Self::Sample | Self::Ways)
     }
 }
 
-/// What a program asks of its caller while it runs.
+/// Calls that a program makes to its caller while it runs.
 pub trait Host<L: Lanes> {
     /// Computes a function at the points of a call's mask, or records its effect, in the order of the points.
     fn call(&mut self, l: L, call: &HostCall<'_>);
@@ -107,7 +107,7 @@ impl HostCall<'_> {
         self.columns.operand(self.operands[operand], point + 1).at(point)
     }
 
-    /// Whether a point is in the call's mask.
+    /// True if a point is in the call's mask.
     #[inline(always)]
     pub fn holds(&self, point: usize) -> bool {
         self.columns.operand(self.mask, point + 1).at(point) != 0

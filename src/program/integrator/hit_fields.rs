@@ -1,4 +1,4 @@
-//! What `hit` is told about a surface: the fields of the struct `Hit`.
+//! Facts that `hit` is told about a surface: the fields of the struct `Hit`.
 
 use crate::scene::FieldType;
 
@@ -6,7 +6,7 @@ use crate::scene::FieldType;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct HitField {
-    /// What it holds.
+    /// The fact that it holds.
     pub what: HitFact,
     /// Its name in WGSL.
     pub name: &'static str,
@@ -18,7 +18,7 @@ pub struct HitField {
 
 macro_rules! hit_fields {
     ($($what:ident $name:literal $kind:ident $doc:literal;)*) => {
-        /// What a [`HitField`] holds.
+        /// Fact about a hit that a [`HitField`] holds.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
         pub enum HitFact {

@@ -77,7 +77,7 @@ pub struct IntegratorShader {
     /// The most turns of an entry.
     turns: u32,
     returns: bool,
-    /// Whether rays wait on the loop stack.
+    /// True if rays wait on the loop stack.
     keeps_rays: bool,
     mirror_below: Option<f32>,
 }
@@ -125,7 +125,7 @@ impl IntegratorShader {
         Self::of(file, &Loaded::before(&prelude_for(text), file, text, [], true)?.ones())
     }
 
-    /// Whether a file's text is an integrator: it defines `fn hit`.
+    /// True if a file's text is an integrator: it defines `fn hit`.
     pub fn is_integrator(text: &str) -> bool {
         signature::defines(text, "fn", "hit")
     }
@@ -192,13 +192,13 @@ impl IntegratorShader {
         self.turns
     }
 
-    /// Whether functions return radiance. What the camera ray's `hit` or `miss` returns is added to the pixel.
+    /// True if functions return radiance. What the camera ray's `hit` or `miss` returns is added to the pixel.
     #[inline]
     pub fn returns(&self) -> bool {
         self.returns
     }
 
-    /// Whether a call may spawn several rays, so that some wait on the loop stack.
+    /// True if a call may spawn several rays, so that some wait on the loop stack.
     pub fn keeps_rays(&self) -> bool {
         self.keeps_rays
     }

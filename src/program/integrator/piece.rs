@@ -72,7 +72,7 @@ impl Piece {
         self.code.instructions.len()
     }
 
-    /// Whether the piece calls a host function for which a condition holds.
+    /// True if the piece calls a host function for which a condition holds.
     pub fn asks(&self, condition: impl Fn(super::HostFunction) -> bool) -> bool {
         self.code.instructions.iter().any(
             |instruction| matches!(instruction, Instruction::Host { function, .. } if condition(*function)),

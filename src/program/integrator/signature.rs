@@ -18,11 +18,11 @@ pub(super) struct Found {
     pub resume: Option<(Handle<Function>, u32)>,
     /// Scalars of the payload.
     pub payload: u32,
-    /// Whether the functions return radiance.
+    /// True if the functions return radiance.
     pub returns: bool,
 }
 
-/// Whether a text defines something of this name: a struct, a function. Comments of a line are left out.
+/// True if a text defines something of this name: a struct, a function. Comments of a line are left out.
 pub(super) fn defines(text: &str, keyword: &str, name: &str) -> bool {
     let mut before = "";
     for line in text.lines() {

@@ -16,7 +16,7 @@ use std::ops::Range;
 /// The most calls of `trace` of a function, loops unrolled.
 pub(super) const MOST_TRACES: usize = 32;
 
-/// What is left to do behind a call of `trace`, or a whole function.
+/// Work that is left behind a call of `trace`, or a whole function.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rest {
     pub code: Code,
@@ -26,7 +26,7 @@ pub(super) struct Rest {
     pub truths: Vec<Register>,
     /// The registers of the answer.
     pub came: Vec<Register>,
-    /// Whether nothing is left to do but to hand the answer on.
+    /// True if nothing is left to do but to hand the answer on.
     pub is_nothing: bool,
 }
 
@@ -192,7 +192,7 @@ impl<'a> Splitter<'a> {
         }
     }
 
-    /// What is known at a point that has waited at a call of `trace`: the masks around it.
+    /// Values known at a point that has waited at a call of `trace`: the masks around it.
     fn known_at(&self, trace: usize) -> HashMap<Register, Scalar> {
         let mut known = HashMap::new();
         let Instruction::Host { mask, .. } = self.code.instructions[trace] else { return known };

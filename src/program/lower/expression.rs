@@ -47,7 +47,7 @@ impl<'m> Lowerer<'m> {
         Ok(())
     }
 
-    /// What an expression denotes. What needs no evaluation (literals, arguments, variables) is denoted at once.
+    /// Value that an expression denotes. Literals, arguments and variables need no evaluation and are denoted at once.
     pub(super) fn value(&mut self, handle: Handle<Expression>) -> Result<Value, Fault> {
         let known = self.frames.last().and_then(|frame| frame.values[handle.index()].clone());
         match known {

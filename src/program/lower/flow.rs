@@ -8,7 +8,7 @@ use crate::program::source::Fault;
 use naga::{Block, Expression, Handle, Span, Statement, SwitchCase, SwitchValue};
 use std::collections::BTreeSet;
 
-/// Whether a block goes on.
+/// Way in which a block ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Flow {
     /// Some points may reach what follows.
@@ -311,7 +311,7 @@ impl Lowerer<'_> {
     }
 }
 
-/// Whether a block decides about leaving a loop.
+/// True if a block decides about leaving a loop.
 fn leaves(block: &Block) -> bool {
     block.iter().any(|statement| match statement {
         Statement::Break | Statement::Return { .. } => true,

@@ -12,16 +12,16 @@ use crate::program::source::Fault;
 use naga::{Function, Handle, Span};
 use std::rc::Rc;
 
-/// What host functions need while a function is lowered.
+/// Inputs of host functions while a function is lowered.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::program) struct HostInput<'m> {
     /// The scalars of entry and payload that `resume` reads: what a pushed entry keeps.
     pub kept: &'m [u32],
     /// Scalars of the payload, which are the last inputs of the function.
     pub payload: u32,
-    /// Whether rays have been hit: not in `miss` and `resume`.
+    /// True if rays have been hit: not in `miss` and `resume`.
     pub has_hit: bool,
-    /// Whether entries may be pushed.
+    /// True if entries may be pushed.
     pub may_push: bool,
 }
 

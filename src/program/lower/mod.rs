@@ -53,7 +53,7 @@ impl Scalar {
     }
 }
 
-/// What an expression denotes.
+/// Value that an expression denotes.
 #[derive(Clone, Debug)]
 enum Value {
     /// Its scalars: the components of a vector, the members of a struct, ..
@@ -77,9 +77,9 @@ struct Frame<'m> {
     entry: PointMask,
     /// A mask that loses the points that return.
     live: Register,
-    /// Whether all points have returned.
+    /// True if all points have returned.
     returned: bool,
-    /// Whether some points have returned before others.
+    /// True if some points have returned before others.
     varied: bool,
     /// Loops and switches around the current statement: where they start in [`Lowerer::exits`].
     exits: usize,
@@ -96,9 +96,9 @@ struct Exit {
     live: Register,
     /// A mask that loses the points that leave this turn of it.
     running: Register,
-    /// Whether some points have left before others.
+    /// True if some points have left before others.
     varied: bool,
-    /// Whether all points have left.
+    /// True if all points have left.
     left: bool,
     /// Number of decisions about leaving that were known.
     known_decisions: u32,
@@ -111,15 +111,15 @@ pub(super) struct Input<'m> {
     pub info: &'m ModuleInfo,
     /// The words of overrides by name.
     pub overrides: &'m BTreeMap<String, u32>,
-    /// Whether functions of the prelude become calls of native kernels.
+    /// True if functions of the prelude become calls of native kernels.
     pub natives: bool,
     /// The source, for the lines of loops.
     pub source: &'m str,
-    /// What calls of host functions become; `None` in shaders that have none.
+    /// Translation of calls of host functions; `None` in shaders that have none.
     pub host: Option<HostInput<'m>>,
 }
 
-/// What is known of a scalar of the result.
+/// Facts about a scalar of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Output {
     /// It is this word at all points.
@@ -151,18 +151,18 @@ struct Lowerer<'m> {
     line: u32,
     /// A mask that gains the points that wait for a ray: see [`host`].
     waiting: Register,
-    /// Whether some points may wait.
+    /// True if some points may wait.
     waits: bool,
     /// Effects so far.
     counts: Counts,
-    /// What host functions were asked, at which points, and their results.
+    /// Calls of host functions, with their points and results.
     asked: Vec<Asked>,
 }
 
 /// A lowered function before its instructions are optimised.
 pub(super) struct Lowered {
     pub code: Code,
-    /// What is known of each scalar of the result.
+    /// Facts about each scalar of the result.
     pub outputs: Vec<Output>,
     /// The mask of points that wait for a ray.
     pub waiting: Register,

@@ -20,7 +20,7 @@ pub(super) struct Variable {
     /// The present value; `None` if only the homes have it.
     value: Option<Rc<[Scalar]>>,
     homes: Vec<Register>,
-    /// Whether assignments write the homes.
+    /// True if assignments write the homes.
     is_homed: bool,
     /// The points at which the variable was made. An assignment at all of them replaces the value.
     made_at: PointMask,

@@ -28,7 +28,7 @@ pub(super) struct Writer {
     depth: usize,
     loops: usize,
     counters: usize,
-    /// Whether to write only what [`super::second_oracle`] can check.
+    /// True to write only what [`super::second_oracle`] can check.
     common: bool,
 }
 
@@ -331,7 +331,7 @@ pub(super) fn inputs(point: u32) -> Vec<Word> {
     words
 }
 
-/// Whether two results are the same: any NaN is as good as another.
+/// True if two results are the same: any NaN is as good as another.
 pub(super) fn same(a: u32, b: u32) -> bool {
     a == b || (f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan())
 }

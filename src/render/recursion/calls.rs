@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-/// How many turns ahead a future is prefetched.
+/// Number of turns by which a future is prefetched ahead.
 const PREFETCH_DISTANCE: usize = 4;
 
 /// The most bytes of a future that are prefetched.
@@ -100,7 +100,7 @@ impl<F> Default for Slot<F> {
     }
 }
 
-/// How a turn of a call ended.
+/// End of a call's turn.
 enum Outcome<V> {
     Waits(Request),
     Returned(V),

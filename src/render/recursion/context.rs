@@ -87,12 +87,12 @@ impl<'a, S: Shader> Cx<'a, S> {
         self.trace_with(ray, []).await.0
     }
 
-    /// Whether a ray is occluded between its ends.
+    /// True if a ray is occluded between its ends.
     pub async fn occluded(self, ray: Ray) -> bool {
         self.occluded_each([ray]).await[0]
     }
 
-    /// Whether each ray is occluded. The rays are sent together, at most [`Shader::SHADOW_RAYS`].
+    /// For each ray, true if it is occluded. The rays are sent together, at most [`Shader::SHADOW_RAYS`].
     pub async fn occluded_each<const N: usize>(self, rays: [Ray; N]) -> [bool; N] {
         self.trace_with(NO_RAY, rays).await.1
     }

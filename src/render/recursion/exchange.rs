@@ -21,7 +21,7 @@ pub(super) struct PathId {
     pub target: u32,
 }
 
-/// What a call waits for.
+/// Request that a call waits for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Request {
     /// The hit of this ray, and the answers of the shadow rays emitted with it.
@@ -58,7 +58,7 @@ pub(super) struct Exchange {
     pub path: Cell<Option<PathId>>,
     /// The slot of that call.
     pub slot: Cell<u32>,
-    /// How many shadow rays may still be emitted in this turn.
+    /// Number of shadow rays that may still be emitted in this turn.
     pub shadow_rays_left: Cell<usize>,
     pub request: Cell<Option<Request>>,
     pub answers: Cell<Answers>,

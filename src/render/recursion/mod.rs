@@ -117,7 +117,7 @@
 //!
 //! # Cost
 //! A turn costs an uncontended lock, a few moves between the thread's exchange and the future, and the emission.
-//! `docs/results/textures-and-instances.md` compares the recursive Whitted with the hand-written one.
+//! `docs/lab/older-builds.md` compares the recursive Whitted with the hand-written one.
 
 mod calls;
 mod context;

@@ -15,7 +15,7 @@ use crate::stream::Ray;
 /// Marks a point that has spawned no ray.
 const NONE: u32 = u32::MAX;
 
-/// What a block knows of its points besides columns.
+/// Data of a block's points besides columns.
 pub(super) struct Points {
     pub pixel: [u32; BLOCK],
     pub sample: [u32; BLOCK],
@@ -130,7 +130,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         }
     }
 
-    /// Whether a ray from a point is traced.
+    /// True if a ray from a point is traced.
     #[inline(always)]
     fn goes_on(&self, point: usize) -> bool {
         (self.points.onward[point] & DEPTH) <= self.frame.settings().max_bounces

@@ -16,7 +16,7 @@ use crate::shade::{Cone, sort};
 use crate::stream::Ray;
 use std::cell::RefCell;
 
-/// What a batch has emitted.
+/// Rays and splats that a batch has emitted.
 #[derive(Default)]
 pub(super) struct Emitted {
     pub rays: Vec<Ray>,
@@ -52,9 +52,9 @@ pub(super) struct Shading<'a> {
     ended: Vec<Ended>,
     ready: Vec<Ready>,
     points: Box<Points>,
-    /// What the scalars of `Hit` are.
+    /// Facts that the scalars of `Hit` hold.
     facts: Vec<(HitFact, usize)>,
-    /// How the BSDFs that the shader asks are made.
+    /// Way in which the BSDFs that the shader asks are made.
     smoothness: Option<Smoothness>,
 }
 

@@ -19,7 +19,7 @@ pub(super) struct MakeSurfaces<'a, 'b, L: Lanes> {
     pub hits: &'b Hits<L>,
     /// Of the ray's cone at the hit.
     pub width: Num<L>,
-    /// How the BSDF is made, if the shader asks for one.
+    /// Way in which the BSDF is made, if the shader asks for one.
     pub smoothness: Option<Smoothness>,
 }
 

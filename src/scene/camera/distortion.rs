@@ -13,7 +13,7 @@ const HALVINGS: u32 = 6;
 const RADIUS_STEPS: u32 = 10;
 /// Newton steps in the plane, which start next to the solution.
 const PLANE_STEPS: u32 = 6;
-/// How far a solution may be off in distorted coordinates, as a share of 1 + their size. The rounding of polynomials
+/// Greatest error of a solution in distorted coordinates, as a share of 1 + their size. The rounding of polynomials
 /// is some parts in 10⁷; beyond the edge of what a lens sees nothing comes close.
 const TOLERANCE: f32 = 4e-6;
 /// Largest tangent of the angle to the view axis that is looked for.
@@ -163,7 +163,7 @@ impl Radial {
         (point, is_near & (xx * yy).gt(xy * yx) & (xx + yy).above(0.0))
     }
 
-    /// How far distortion moves a point past `to`, and the derivatives: xx, xy (of x by y), yx, yy.
+    /// Distance by which distortion moves a point past `to`, and the derivatives: xx, xy (of x by y), yx, yy.
     #[inline(always)]
     fn distort<L: Lanes>(
         &self,
@@ -188,7 +188,7 @@ impl Radial {
     }
 }
 
-/// How far r·N(r²)/D(r²) increases from r = 0, and what it is there. Looks no farther than to where it exceeds
+/// End of the increase of r·N(r²)/D(r²) from r = 0, and the value there. Looks no farther than to where it exceeds
 /// `enough`, and to `end`.
 fn increasing(numerator: &[f64; 4], denominator: &[f64; 3], enough: f64, end: f64) -> (f64, f64) {
     let [n1, n2, n3, n4] = *numerator;

@@ -21,7 +21,7 @@ pub struct Lens {
     aperture: Option<Aperture>,
 }
 
-/// How pixels are converted.
+/// Conversion of pixels.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 enum Form {
     Central(Pinhole),
@@ -133,7 +133,7 @@ impl Lens {
         }
     }
 
-    /// Whether rays depend on where they pass the lens.
+    /// True if rays depend on where they pass the lens.
     #[inline]
     pub fn has_aperture(&self) -> bool {
         self.aperture.is_some()

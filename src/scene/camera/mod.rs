@@ -42,9 +42,9 @@ pub struct Camera {
     pub target: Vec3,
     /// The up direction. It must not be parallel to the view axis.
     pub up: Vec3,
-    /// Which directions are seen.
+    /// Directions that are seen.
     pub projection: Projection,
-    /// How far the picture is moved to the right and up, in widths and heights of the picture: lens shift. It must be 0
+    /// Lens shift: how far the picture is moved to the right and up, in widths and heights of the picture. It must be 0
     /// for [`Projection::Intrinsics`], which have a principal point, and [`Projection::Panorama`].
     pub shift: Vec2,
     /// The opening of the lens. With `None` it is a point, and everything is sharp.
@@ -67,7 +67,7 @@ impl std::fmt::Display for Camera {
     }
 }
 
-/// Why a camera is invalid.
+/// Error of an invalid camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraError {

@@ -4,7 +4,7 @@ use super::CameraError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How points in front of a camera are mapped to the picture.
+/// Mapping of the points in front of a camera to the picture.
 ///
 /// Picture coordinates are in pixels, x to the right and y down. (0, 0) is the top left corner of the picture, and
 /// (0.5, 0.5) is the centre of its top left pixel.
@@ -39,15 +39,15 @@ pub struct Intrinsics {
     pub fx: f64,
     /// Focal length over the height of a pixel, above 0.
     pub fy: f64,
-    /// Where the view axis meets the picture, from its left edge. Half the width for a centred lens.
+    /// Place where the view axis meets the picture, from its left edge. Half the width for a centred lens.
     pub cx: f64,
-    /// Where the view axis meets the picture, from its upper edge. Half the height for a centred lens.
+    /// Place where the view axis meets the picture, from its upper edge. Half the height for a centred lens.
     pub cy: f64,
     /// The distortion of the lens.
     pub distortion: Distortion,
 }
 
-/// How a lens differs from a pinhole. The models and the order of coefficients are OpenCV's.
+/// Difference of a lens from a pinhole. The models and the order of coefficients are OpenCV's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Distortion {
@@ -151,7 +151,7 @@ impl Projection {
         }
     }
 
-    /// What the projection is called.
+    /// Name of the projection.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Perspective { .. } => "perspective",

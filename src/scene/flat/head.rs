@@ -3,7 +3,7 @@
 use super::{FlatError, VERSION};
 use std::io::{ErrorKind, Read};
 
-/// What a flat scene begins with. The line break shows whether the file was changed as a text.
+/// First bytes of a flat scene. The line break shows whether the file was changed as a text.
 const MAGIC: [u8; 8] = *b"RSFLAT\r\n";
 
 /// Bytes of the head, the hash at its end included.

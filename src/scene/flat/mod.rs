@@ -31,7 +31,7 @@ use std::path::Path;
 /// The version of the format. A file of another version is refused.
 pub const VERSION: u32 = 1;
 
-/// Why a flat scene cannot be written or read.
+/// Error of writing or reading a flat scene.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FlatError {

@@ -1,4 +1,4 @@
-//! What a scene has besides large arrays.
+//! Parts of a scene besides large arrays.
 
 use super::FlatError;
 use super::arrays::{Reader, Writer};

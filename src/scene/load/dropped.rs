@@ -4,12 +4,12 @@ use super::warnings::Warnings;
 use crate::geom::MAX_COORDINATE;
 use glam::Vec3;
 
-/// What was dropped from a file so far.
+/// Faces and vertices dropped from a file so far.
 #[derive(Debug, Default)]
 pub(super) struct Dropped {
     vertices: usize,
     faces: usize,
-    /// Where the first of the vertices is.
+    /// Place of the first of the vertices.
     first: Option<String>,
 }
 
@@ -26,7 +26,7 @@ impl Dropped {
         Vec3::NAN
     }
 
-    /// Whether a face is to be dropped because it has one of these positions.
+    /// True if a face is to be dropped because it has one of these positions.
     pub(super) fn drops(&mut self, corners: impl IntoIterator<Item = Vec3>) -> bool {
         let is_dropped = self.vertices > 0 && corners.into_iter().any(|corner| corner.is_nan());
         self.faces += usize::from(is_dropped);

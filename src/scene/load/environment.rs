@@ -76,7 +76,7 @@ fn map(path: &Path, options: &LoadOptions) -> Result<EnvironmentMap, LoadProblem
     Ok(EnvironmentMap { width, height, texels, rotation_degrees: 0.0 })
 }
 
-/// What a Radiance file says of the exposure of its values, if it is not 1.
+/// Exposure of a Radiance file's values as it says, if it is not 1.
 fn exposure(bytes: &[u8]) -> Option<&str> {
     let header = bytes.starts_with(b"#?").then(|| bytes.split(|&byte| byte == b'\n'))?;
     let mut lines = header.take_while(|line| !line.is_empty());

@@ -4,7 +4,7 @@ use crate::memory::OutOfMemory;
 use crate::scene::MeshError;
 use std::path::PathBuf;
 
-/// Why a scene or an environment map could not be loaded, and what the loader had warned of until then.
+/// Error of loading a scene or an environment map, with the loader's warnings until then.
 #[derive(Debug, thiserror::Error)]
 #[error("{problem}")]
 pub struct LoadError {
@@ -17,7 +17,7 @@ impl LoadError {
         Self { problem: Box::new(problem), warnings }
     }
 
-    /// What is wrong.
+    /// The problem.
     pub fn problem(&self) -> &LoadProblem {
         &self.problem
     }
@@ -28,7 +28,7 @@ impl LoadError {
     }
 }
 
-/// What is wrong: the file, the place in it, and the remedy.
+/// Problem of a file: the file, the place in it, and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadProblem {
@@ -55,7 +55,7 @@ pub enum LoadProblem {
         path: PathBuf,
         /// Line number, counted from 1.
         line: usize,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A part of a structured file is wrong.
@@ -65,7 +65,7 @@ pub enum LoadProblem {
         path: PathBuf,
         /// The part, such as `nodes[3]`.
         place: String,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// The file as a whole is wrong.
@@ -73,7 +73,7 @@ pub enum LoadProblem {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A glTF file requires an extension that is not supported.
@@ -106,7 +106,7 @@ pub enum LoadProblem {
         material: String,
         /// The texture's name in the file.
         texture: String,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// The mesh breaks an invariant of [`crate::scene::Scene`].
@@ -122,7 +122,7 @@ pub enum LoadProblem {
     Empty {
         /// The file.
         path: PathBuf,
-        /// What was left out, one sentence each.
+        /// Things that were left out, one sentence each.
         reasons: Vec<String>,
     },
     /// The scene needs more memory than the budget allows ([`super::LoadOptions::with_memory`]).

@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3, Vec4};
 /// Bytes of the shortest line of a vertex and of a face.
 const SHORTEST_LINES: [u64; 2] = [6, 4];
 
-/// What the vertices of a file have beside their position, in this order.
+/// Attributes of a file's vertices beside their position, in this order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Attributes {
     normals: bool,
@@ -44,7 +44,7 @@ fn header(word: &str) -> Option<Result<(Attributes, &str), String>> {
     })
 }
 
-/// Whether a text begins as an OFF file does, after comments.
+/// True if a text begins as an OFF file does, after comments.
 pub(super) fn is_off(mut text: &[u8]) -> bool {
     while text.starts_with(b"#") {
         let end = text.iter().position(|&byte| byte == b'\n').unwrap_or(text.len());
@@ -77,7 +77,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     Ok(plain::scene(mesh, plain::one_object(&path), has_alpha, &mut session.warnings))
 }
 
-/// What is wrong: with the line that was read last, or as a whole.
+/// Problem of the line that was read last, or of the whole.
 enum Problem {
     Here(String),
     Load(LoadProblem),
@@ -142,7 +142,7 @@ struct Reader<'a> {
     lines: Lines<'a>,
     mesh: Mesh,
     dropped: Dropped,
-    /// Whether any colour has an alpha.
+    /// True if any colour has an alpha.
     has_alpha: bool,
 }
 

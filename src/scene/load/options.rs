@@ -1,4 +1,4 @@
-//! What a caller may ask of the loaders.
+//! Options of the loaders.
 
 use crate::memory::MemoryBudget;
 use std::path::{Component, Path, PathBuf};
@@ -30,7 +30,7 @@ impl LoadOptions {
         Self { memory, ..self }
     }
 
-    /// Whether a magenta checker stands in for a texture that is missing or broken, with a warning. Otherwise such a
+    /// Lets a magenta checker stand in for a texture that is missing or broken, with a warning. Otherwise such a
     /// texture is an error.
     #[must_use]
     pub fn with_allow_missing(self, allow_missing: bool) -> Self {
@@ -51,7 +51,7 @@ impl LoadOptions {
         Self { root: Some(root.into()), ..self }
     }
 
-    /// Whether a scene may name a file.
+    /// True if a scene may name a file.
     pub fn allows(&self, path: &Path) -> bool {
         let Some(root) = &self.root else { return true };
         let Ok(rest) = path.strip_prefix(root) else { return false };

@@ -1,4 +1,4 @@
-//! What the parts of a loader share while one scene is loaded.
+//! State that the parts of a loader share while one scene is loaded.
 
 use super::warnings::Warnings;
 use super::{LoadOptions, LoadProblem, read, read_named};

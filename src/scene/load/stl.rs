@@ -22,12 +22,12 @@ const RECORD: usize = 50;
 /// Bytes of the shortest facet of an ASCII file.
 const SHORTEST_FACET: u64 = 86;
 
-/// Whether the size of a file is that of a binary STL file with as many triangles as its header says.
+/// True if the size of a file is that of a binary STL file with as many triangles as its header says.
 pub(super) fn is_binary(bytes: &[u8]) -> bool {
     promised(bytes).is_some_and(|count| size_of(count) == bytes.len() as u64)
 }
 
-/// Whether a file is an ASCII STL file. Some binary files begin with the same word, but no text holds a zero byte.
+/// True if a file is an ASCII STL file. Some binary files begin with the same word, but no text holds a zero byte.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
     let bytes = bytes.trim_ascii_start();
     let is_solid = bytes.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
@@ -169,7 +169,7 @@ impl Reader {
     }
 }
 
-/// Whether a word is a keyword, in any case of letters.
+/// True if a word is a keyword, in any case of letters.
 fn is(word: &str, keyword: &str) -> bool {
     word.eq_ignore_ascii_case(keyword)
 }
@@ -205,7 +205,7 @@ impl<'a> Words<'a> {
         Some(word)
     }
 
-    /// What is left of the line, without blanks around it.
+    /// Rest of the line, without blanks around it.
     fn rest_of_line(&mut self) -> &'a str {
         let (line, _) = self.rest.split_once('\n').unwrap_or((self.rest, ""));
         self.rest = &self.rest[line.len()..];

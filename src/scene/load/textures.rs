@@ -18,7 +18,7 @@ pub(super) enum Source {
     File(PathBuf),
     /// An image inside the scene file, numbered by the loader.
     Embedded(usize),
-    /// What stands in for images that are missing or broken.
+    /// Stand-in for images that are missing or broken.
     StandIn,
 }
 
@@ -49,7 +49,7 @@ pub(super) struct Pixels {
     width: u32,
     height: u32,
     texels: Arc<[[u8; 4]]>,
-    /// Whether the file stores floats. Such values are linear whatever they are used for.
+    /// True if the file stores floats. Such values are linear whatever they are used for.
     is_float: bool,
 }
 
@@ -71,12 +71,12 @@ impl Pixels {
         Self { name: "stand-in".into(), width: SIDE, height: SIDE, texels, is_float: false }
     }
 
-    /// Whether any texel's alpha is less than 1.
+    /// True if any texel's alpha is less than 1.
     pub(super) fn has_alpha(&self) -> bool {
         self.texels.iter().any(|texel| texel[3] != 255)
     }
 
-    /// Whether the image looks like a tangent-space normal map and not like a height map: nearly all texels decode to
+    /// True if the image looks like a tangent-space normal map and not like a height map: nearly all texels decode to
     /// vectors that have a length of about 1 and point outwards, and not all texels are grey.
     pub(super) fn looks_like_normals(&self) -> bool {
         let is_normal = |&[r, g, b, _]: &[u8; 4]| {
@@ -187,7 +187,7 @@ impl Textures {
         })
     }
 
-    /// Whether a texture's alpha is 1 everywhere.
+    /// True if a texture's alpha is 1 everywhere.
     pub(super) fn is_opaque(&self, texture: u32) -> bool {
         self.textures[texture as usize].texels.iter().all(|texel| texel[3] == 255)
     }

@@ -77,7 +77,7 @@ pub struct MaterialRecipe {
 pub struct Translucency {
     /// Share of the diffuse light that is transmitted instead of reflected, 0..=1.
     pub share: f32,
-    /// What remains of the transmitted light, linear Rec. 709, 0..=1. All of it by default.
+    /// Share of the transmitted light that remains, linear Rec. 709, 0..=1. All of it by default.
     #[serde(default = "white")]
     pub colour: Vec3,
 }
@@ -251,7 +251,7 @@ impl MaterialRecipe {
         within("ior", ior.unwrap_or(1.0), 1.0, 4.0)
     }
 
-    /// What is given but has no effect on the kind of surface, as the rest of a sentence.
+    /// Fields that are given but have no effect on the kind of surface, as the rest of a sentence.
     pub(super) fn unused(&self) -> Option<String> {
         let (kind, layered) = match (self.ior, self.mirror, self.roughness) {
             (Some(_), ..) => ("glass", false),

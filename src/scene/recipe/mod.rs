@@ -76,7 +76,7 @@ pub struct Recipe {
     pub shapes: Vec<Object>,
 }
 
-/// Why a recipe is invalid.
+/// Error of an invalid recipe.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecipeError {
@@ -86,7 +86,7 @@ pub enum RecipeError {
     /// A name is not defined.
     #[error("{user} names the {kind} {name:?}, which the recipe does not define")]
     Unknown {
-        /// What uses the name.
+        /// User of the name.
         user: String,
         /// The kind of thing that the name should define.
         kind: &'static str,
@@ -98,7 +98,7 @@ pub enum RecipeError {
     Range {
         /// The shape, texture, material or mix.
         place: String,
-        /// What is wrong, and what is allowed.
+        /// The problem, and what is allowed.
         problem: String,
     },
     /// The scene needs more memory than allowed.

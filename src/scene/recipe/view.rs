@@ -33,7 +33,7 @@ pub struct View {
     pub orthographic_height: Option<f32>,
     /// The numbers of a calibrated camera.
     pub intrinsics: Option<IntrinsicsRecipe>,
-    /// Whether the camera sees to all sides.
+    /// True if the camera sees to all sides.
     #[serde(default)]
     pub panorama: bool,
     /// Lens shift to the right and up, in widths and heights of the picture.

@@ -1,4 +1,4 @@
-//! What is wrong with a scene, where, and what to do.
+//! Error of a scene: the problem, its place, and the remedy.
 
 use crate::scene::{CameraError, MeshError};
 use std::fmt;
@@ -57,7 +57,7 @@ impl fmt::Display for ScenePart {
     }
 }
 
-/// Why a scene is invalid: what is wrong, where, and what to do.
+/// Error of an invalid scene: the problem, its place, and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
@@ -83,11 +83,11 @@ pub enum SceneError {
         part: ScenePart,
         /// The part's field.
         field: &'static str,
-        /// What the index names.
+        /// Kind of thing that the index names.
         kind: &'static str,
         /// The index.
         index: u32,
-        /// How many of the kind there are.
+        /// Number of the kind.
         count: usize,
     },
     /// An image has another number of texels than its size says.
@@ -101,7 +101,7 @@ pub enum SceneError {
         height: u32,
         /// Number of texels.
         found: usize,
-        /// What the number of texels must be.
+        /// Right number of texels.
         expected: &'static str,
     },
     /// The mipmap levels of a texture are not those of its image.
@@ -133,7 +133,7 @@ pub enum SceneError {
     Instance {
         /// The shape or the instance.
         part: ScenePart,
-        /// What is wrong, and what to do.
+        /// The problem, and the remedy.
         problem: &'static str,
     },
     /// The parent of an object does not exist.

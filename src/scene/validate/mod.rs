@@ -11,7 +11,7 @@ pub use error::{SceneError, ScenePart};
 use super::{Environment, Light, LightShape, Object, Objects, Scene};
 use glam::Vec3;
 
-/// How far the squared length of a unit vector may be from 1.
+/// Greatest difference of a unit vector's squared length from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 const SHARE: Range = Range { least: 0.0, most: 1.0, text: "from 0 to 1" };

@@ -275,13 +275,13 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// Whether there are several lobes, so that [`Bsdf::sample`] reads its `u`.
+    /// True if there are several lobes, so that [`Bsdf::sample`] reads its `u`.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_choice(&self) -> bool {
         !matches!(self, Self::Matte(_))
     }
 
-    /// Whether light sampling must also consider light from below the surface.
+    /// True if light sampling must also consider light from below the surface.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_frosted(&self) -> bool {
         match self {
@@ -291,7 +291,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         }
     }
 
-    /// Whether the BSDF is purely specular, so that light sampling never contributes.
+    /// True if the BSDF is purely specular, so that light sampling never contributes.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_smooth(&self) -> bool {
         matches!(self, Self::Mirror(_) | Self::Dielectric(_))

@@ -377,7 +377,7 @@ impl<L: Lanes> Principled<L> {
         Some(Frost { through, facets: &self.facets, layer: &self.layer, film: &self.film, wo })
     }
 
-    /// Whether light sampling must also consider light from below the surface.
+    /// True if light sampling must also consider light from below the surface.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn is_frosted(&self) -> bool {
         self.translucency.is_some() || matches!(&self.transparency, Some(through) if through.frosted.any())

@@ -7,7 +7,7 @@ use crate::lanes::{Lanes, Mask, Num, Vector};
 /// With a lower index of refraction, light turns so little that rough facets show no frost.
 const LEAST_INDEX: f32 = 1.01;
 
-/// How the transparent share of a surface transmits light.
+/// Transmission of light by the transparent share of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Transparency<L: Lanes> {
     /// Share of the surface that is transparent.

@@ -57,7 +57,7 @@ impl AliasTable {
         Self { entries, total }
     }
 
-    /// Whether there is nothing to choose.
+    /// True if there is nothing to choose.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }

@@ -20,7 +20,7 @@ pub struct LightBounds {
     pub reach: f32,
     /// Luminous power, > 0.
     pub power: f32,
-    /// Whether some of the lights emit to both sides.
+    /// True if some of the lights emit to both sides.
     pub two_sided: bool,
 }
 

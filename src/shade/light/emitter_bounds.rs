@@ -58,7 +58,7 @@ impl EmitterBounds {
     }
 }
 
-/// Whether each material must be reached by rays that will not be continued: it emits light, or lets such rays pass.
+/// For each material, true if rays that will not be continued must reach it: it emits light, or lets such rays pass.
 fn sought(scene: &Scene) -> Vec<bool> {
     let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
     let acts = |surface: &Surface| match surface {

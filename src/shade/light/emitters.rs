@@ -29,7 +29,7 @@ pub struct Emitters {
     tree: Option<LightTree>,
     /// Index in `records` of each triangle of the scene, or [`NONE`]; empty if no triangle is emissive.
     places: Vec<u32>,
-    /// Whether any emission has a texture.
+    /// True if any emission has a texture.
     has_textures: bool,
 }
 
@@ -106,7 +106,7 @@ impl Emitters {
         all
     }
 
-    /// Whether there are so many triangles that a [`LightTree`] chooses. The choice then depends on the
+    /// True if there are so many triangles that a [`LightTree`] chooses. The choice then depends on the
     /// receiver's normal.
     #[inline]
     pub fn are_many(&self) -> bool {
@@ -123,7 +123,7 @@ impl Emitters {
         self.records.len()
     }
 
-    /// Whether there are no emissive triangles.
+    /// True if there are no emissive triangles.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }

@@ -68,13 +68,13 @@ impl EnvironmentLight {
         self.mean
     }
 
-    /// Whether the radiance is the same in all directions.
+    /// True if the radiance is the same in all directions.
     #[inline]
     pub fn is_even(&self) -> bool {
         matches!(self.kind, Kind::Constant(_))
     }
 
-    /// Whether the radiance is 0 in all directions.
+    /// True if the radiance is 0 in all directions.
     #[inline]
     pub fn is_black(&self) -> bool {
         matches!(self.kind, Kind::Constant(Vec3::ZERO))

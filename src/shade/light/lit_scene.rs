@@ -82,7 +82,7 @@ impl Lights {
     }
 }
 
-/// Whether triangles of all materials emit the same light.
+/// True if triangles of all materials emit the same light.
 fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
     let emission = |scene: &Scene, index: usize| scene.materials.get(index).and_then(|m| m.emission);
     let is_equal = |index: usize| match (emission(old, index), emission(new, index)) {
@@ -100,13 +100,13 @@ fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
     (0..old.materials.len().max(new.materials.len())).all(is_equal)
 }
 
-/// Whether lookups in both textures are the same. Equal images at different addresses count as different.
+/// True if lookups in both textures are the same. Equal images at different addresses count as different.
 fn have_equal_texels(a: &Texture, b: &Texture) -> bool {
     let kind = |t: &Texture| (t.width, t.height, t.space, t.wrap_u, t.wrap_v);
     kind(a) == kind(b) && Arc::ptr_eq(&a.texels, &b.texels)
 }
 
-/// Whether both environments are the same. Equal images at different addresses count as different.
+/// True if both environments are the same. Equal images at different addresses count as different.
 fn are_equal(a: &Environment, b: &Environment) -> bool {
     match (a, b) {
         (Environment::Constant(a), Environment::Constant(b)) => a == b,

@@ -55,7 +55,7 @@ pub struct Lights {
     powers: [f64; 3],
     /// Probabilities of choosing these kinds.
     probabilities: [f32; 3],
-    /// Whether [`Lights::without_uniform_sky`] was called.
+    /// True if [`Lights::without_uniform_sky`] was called.
     skips_uniform_sky: bool,
 }
 
@@ -124,7 +124,7 @@ impl Lights {
         Self { powers, probabilities: probabilities(powers), skips_uniform_sky: true, ..self }
     }
 
-    /// Whether [`Lights::sample`] can return any light.
+    /// True if [`Lights::sample`] can return any light.
     #[inline]
     pub fn are_sampled(&self) -> bool {
         self.powers.iter().any(|&power| power > 0.0)
@@ -153,7 +153,7 @@ impl Lights {
         &self.emitter_bounds
     }
 
-    /// Whether there are so many lights that a light tree chooses among them. The choice then takes a random
+    /// True if there are so many lights that a light tree chooses among them. The choice then takes a random
     /// number of its own and depends on the receiver's normal.
     #[inline]
     pub fn are_many(&self) -> bool {

@@ -56,7 +56,7 @@ impl Punctual {
         self.records.len()
     }
 
-    /// Whether there are no lights.
+    /// True if there are no lights.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
@@ -66,7 +66,7 @@ impl Punctual {
         self.power
     }
 
-    /// Whether there are so many lights that a [`LightTree`] chooses. The choice then depends on the
+    /// True if there are so many lights that a [`LightTree`] chooses. The choice then depends on the
     /// receiver's normal.
     #[inline]
     pub fn are_many(&self) -> bool {

@@ -11,7 +11,7 @@ use super::visit_order::VisitOrder;
 use crate::bvh::{WIDTH, WideNode};
 use crate::lanes::{Lanes, MAX_LANES};
 
-/// Where a visit writes the lists of a node's children: beyond the visiting list, each with room for all of its ids and
+/// Lists of a node's children that a visit writes: beyond the visiting list, each with room for all of its ids and
 /// padding. The lowest list is that of the child that is visited last.
 #[derive(Clone, Copy)]
 pub(super) struct ChildLists {
@@ -30,7 +30,7 @@ impl ChildLists {
         Self { base, stride, order }
     }
 
-    /// Where the list of a slot starts in the arena.
+    /// Index of the start of a slot's list in the arena.
     #[inline(always)]
     fn start(&self, slot: usize) -> usize {
         self.base + (WIDTH - 1 - self.order.rank(slot)) * self.stride

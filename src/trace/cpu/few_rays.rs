@@ -32,7 +32,7 @@ pub(super) const AT_ONCE: usize = 16;
 pub(super) struct Stacks {
     /// The children to visit, a stack for each ray, as bits of [`Child`].
     children: Vec<u32>,
-    /// Where the rays enter their boxes, as bits of numbers.
+    /// Distances at which the rays enter their boxes, as bits of numbers.
     enters: Vec<u32>,
 }
 
@@ -55,12 +55,12 @@ fn capacity(depth: usize) -> usize {
 /// A ray on its way through the tree.
 #[derive(Clone, Copy)]
 struct Turn {
-    /// How many bytes further than the lower faces across each axis the near ones are.
+    /// Bytes from the lower faces across each axis to the near ones.
     near: [u8; 3],
     octant: u8,
-    /// What it visits next; [`Child::NONE`] at the end.
+    /// The child that it visits next; [`Child::NONE`] at the end.
     child: Child,
-    /// Where its stack begins and ends.
+    /// Start and end of its stack.
     bottom: u32,
     top: u32,
     best: Hit,

@@ -320,8 +320,8 @@ pub(super) unsafe fn test_candidates<W: Lanes, S: Space, const ANY: bool>(
     }
 }
 
-/// How many pairs before a pair is tested its memory is prefetched. If the whole batch were prefetched at once, the
-/// prefetches would wait for each other.
+/// Number of pairs by which memory is prefetched before a pair is tested. If the whole batch were prefetched at once,
+/// the prefetches would wait for each other.
 const PREFETCH_DISTANCE: usize = 16;
 
 /// Prefetches what the pairs need that [`test_pairs`] tests first.

@@ -74,7 +74,7 @@ pub use tracer::CpuTracer;
 use crate::geom::CanonicalRay;
 use crate::stream::Ray;
 
-/// Whether a ray means something. One that does not hits nothing: its origin or direction is out of range
+/// True if a ray means something. One that does not hits nothing: its origin or direction is out of range
 /// ([`CanonicalRay::new`]), as NaN and a zero direction are, or `t_min` or `t_max` is NaN.
 pub fn is_traceable(ray: &Ray) -> bool {
     CanonicalRay::can_start(ray.origin, ray.direction) && !ray.t_min.is_nan() && !ray.t_max.is_nan()

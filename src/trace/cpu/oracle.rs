@@ -32,7 +32,7 @@ impl Oracle {
         best
     }
 
-    /// Whether a ray hits anything.
+    /// True if a ray hits anything.
     pub fn occluded_one(&self, ray: &Ray) -> bool {
         let mut occluded = false;
         self.traverse(ray, |_| {

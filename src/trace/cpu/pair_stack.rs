@@ -65,7 +65,7 @@ impl PairStack {
         self.at(self.len)
     }
 
-    /// Where the ids and the children of pair `at` and of those above it lie.
+    /// Pointers to the ids and to the children of pair `at` and of those above it.
     #[inline(always)]
     pub fn at(&self, at: usize) -> (*const u32, *const u32) {
         (self.ids.as_ptr().wrapping_add(at), self.children.as_ptr().wrapping_add(at))

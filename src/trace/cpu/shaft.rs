@@ -92,9 +92,9 @@ impl<L: Lanes> ShaftBuilder<L> {
 pub(super) struct ShaftSlots {
     /// By shaft; meaningful for the shafts that the list touches.
     slots: [u8; MAX_RAYS / SHAFT_RAYS],
-    /// How far boxes are widened so that rays can be tested without slack: the greatest slack and an eighth of it. The
-    /// eighth exceeds the rounding errors of widened boxes and of the rays' constants, two half ulps of the largest
-    /// coordinate.
+    /// Distance by which boxes are widened so that rays can be tested without slack: the greatest slack and an eighth
+    /// of it. The eighth exceeds the rounding errors of widened boxes and of the rays' constants, two half ulps of the
+    /// largest coordinate.
     pub widening: f32,
 }
 

@@ -61,7 +61,7 @@ pub struct SingleRayTracer {
 
 /// Decides which of the hits that are nearer than the best so far count.
 pub(super) trait Accept {
-    /// Whether a hit of the ray with an index counts; `masked` says whether the triangle is.
+    /// True if a hit of the ray with an index counts; `masked` says whether the triangle is.
     fn accepts(&mut self, ray: usize, hit: &Hit, masked: bool) -> bool;
 }
 
@@ -88,7 +88,7 @@ impl Accept for Where<'_> {
     }
 }
 
-/// What the search for a ray's hit has found so far.
+/// Search for a ray's hit, with what it has found so far.
 pub(super) struct Search<'a, A> {
     pub best: Hit,
     /// Index of the ray.
@@ -115,7 +115,7 @@ impl SingleRayTracer {
         hit
     }
 
-    /// Whether a ray hits anything.
+    /// True if a ray hits anything.
     pub fn occluded_one(&self, ray: &Ray) -> bool {
         let mut occluded = 0;
         self.occluded(slice::from_ref(ray), slice::from_mut(&mut occluded));

@@ -85,7 +85,7 @@ impl<L: Lanes> Slabs<L> {
         }
     }
 
-    /// Where rays enter and leave boxes with these faces, behind the origin too.
+    /// Distances at which rays enter and leave boxes with these faces, behind the origin too.
     #[inline(always)]
     pub(super) fn entry_and_exit(&self, l: L, near: LaneVec3<L>, far: LaneVec3<L>) -> (L::F, L::F) {
         let ([ex, ey, ez], [lx, ly, lz]) = self.plane_distances(l, near, far);
@@ -116,7 +116,8 @@ impl<L: Lanes> Slabs<L> {
         self.enter(l, L::ALL, near, far, limit)
     }
 
-    /// Where a ray, the same in all eight lanes, enters and leaves the box of each slot, cut off at 0 and at `limit`.
+    /// Distances at which a ray, the same in all eight lanes, enters and leaves the box of each slot, cut off at 0 and
+    /// at `limit`.
     #[inline(always)]
     pub(super) fn clamped_distances(&self, l: L, faces: &Faces<'_>, limit: L::F) -> (L::F, L::F) {
         let (near, far) = Faces::load_pair(l, &[*faces; 2]);
@@ -143,7 +144,7 @@ impl<L: Lanes> Slabs<L> {
         l.le_bits(among, enter, leave)
     }
 
-    /// Where rays cross the near and the far planes of each axis.
+    /// Distances at which rays cross the near and the far planes of each axis.
     #[inline(always)]
     fn plane_distances(&self, l: L, near: LaneVec3<L>, far: LaneVec3<L>) -> (LaneVec3<L>, LaneVec3<L>) {
         let i = self.inverse;

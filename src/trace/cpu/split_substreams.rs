@@ -1,4 +1,4 @@
-//! How a slice of rays is split into sub-streams.
+//! Splitting of a slice of rays into sub-streams.
 //!
 //! Rays that share an origin are traced as packets, which is faster. In a frame's streams, camera rays follow the rays
 //! that paths left behind, so a run of rays with one origin becomes a sub-stream of its own. The split affects speed
@@ -36,14 +36,14 @@ pub(super) fn first_len(rays: &[Ray]) -> usize {
     max
 }
 
-/// Whether two rays begin at the same point. The comparison of arrays is a call.
+/// True if two rays begin at the same point. The comparison of arrays is a call.
 #[inline]
 fn have_one_origin(a: &Ray, b: &Ray) -> bool {
     let ([a, b, c], [x, y, z]) = (a.origin, b.origin);
     a == x && b == y && c == z
 }
 
-/// Whether a run seems to begin with ray `at` or before it.
+/// True if a run seems to begin with ray `at` or before it.
 #[inline]
 fn begins_run(rays: &[Ray], at: usize) -> bool {
     let Some(run) = rays.get(at..at + MIN_RUN) else { return false };

@@ -30,7 +30,7 @@ pub(super) struct Widths<W, E> {
     pub eight: E,
 }
 
-/// What the box tests need of a ray. See [`crate::geom::CanonicalRay`], whose `near` and `far` are
+/// Data of a ray for the box tests. See [`crate::geom::CanonicalRay`], whose `near` and `far` are
 /// `shift ∓ slack * |inverse|`.
 ///
 /// A row is as small as the ray itself, which remains in the caller's memory: most visits are to inner nodes, and a
@@ -64,7 +64,7 @@ pub(super) fn ray_index(id: u32) -> usize {
 #[derive(Clone, Copy)]
 pub(super) struct Entry {
     pub child: Child,
-    /// Where the list starts in the arena.
+    /// Index of the list's start in the arena.
     pub start: u32,
     pub len: u32,
     /// [`OctantStack::done`] when the list was written.
@@ -83,7 +83,7 @@ pub(super) struct OctantStack {
     pub block_pairs: PairStack,
     /// Triangles whose interior a ray's line passes through, to be tested further (invariant 5).
     pub candidates: PairStack,
-    /// How many rays have been found occluded, in all sub-streams so far; wraps around.
+    /// Number of rays found occluded, in all sub-streams so far; wraps around.
     pub done: u32,
 }
 
@@ -119,13 +119,13 @@ impl OctantStack {
         self.entries.push(Entry { child: Child::ROOT, start: 0, len: len as u32, done_before: self.done });
     }
 
-    /// Whether pairs with inner nodes are visited before lists: if there are enough, or no lists.
+    /// True if pairs with inner nodes are visited before lists: if there are enough, or no lists.
     #[inline(always)]
     pub fn has_node_batch(&self) -> bool {
         self.node_pairs.len() >= if self.entries.is_empty() { 1 } else { MIN_NODE_PAIRS }
     }
 
-    /// Whether pairs with leaf blocks are visited next: if there are enough, and no nodes that could add more.
+    /// True if pairs with leaf blocks are visited next: if there are enough, and no nodes that could add more.
     #[inline(always)]
     pub fn has_block_batch(&self) -> bool {
         let len = self.block_pairs.len();
@@ -141,7 +141,7 @@ pub(super) fn entry_capacity(depth: usize) -> usize {
     (WIDTH - 1) * depth + WIDTH + 2
 }
 
-/// Where a traversal writes its answers, which are misses beforehand.
+/// Place to which a traversal writes its answers, which are misses beforehand.
 pub(super) enum Answers<'a> {
     /// Of closest-hit queries.
     Hits(&'a mut [Hit]),
@@ -276,7 +276,7 @@ pub(super) unsafe fn prefetch_rows<L: Lanes, T>(_: L, rows: *const T, list: *con
     }
 }
 
-/// What visits the pending lists and pairs of an octant.
+/// Visitor of the pending lists and pairs of an octant.
 pub(super) trait Visitor {
     /// Makes the next visits of an octant; `false` if none were pending.
     ///

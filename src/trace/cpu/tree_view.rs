@@ -1,4 +1,4 @@
-//! What a traversal reads of a tree, and prefetches from it.
+//! Parts of a tree that a traversal reads and prefetches.
 //!
 //! Unsafe code, because nodes and blocks are read without bounds checks. Invariant 4 (numbered as in `substream`):
 //! children that a traversal visits are children of the tree's nodes, or its root. `Bvh` builds trees whose children
@@ -50,7 +50,7 @@ impl<'a> TreeView<'a> {
         unsafe { self.blocks.get_unchecked(child) }
     }
 
-    /// Whether a hit on a masked triangle counts.
+    /// True if a hit on a masked triangle counts.
     #[inline(always)]
     pub fn filter_accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
         self.filter.is_none_or(|filter| filter.accepts(primitive, u, v))

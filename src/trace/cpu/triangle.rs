@@ -182,7 +182,7 @@ pub(crate) struct LaneHits<L: Lanes> {
     pub v: L::F,
 }
 
-/// What limits the hits of rays, besides the triangle.
+/// Limits of the hits of rays, besides the triangle.
 pub(crate) struct Limits<'a, L: Lanes> {
     pub slabs: &'a Slabs<L>,
     /// The octant of all rays.

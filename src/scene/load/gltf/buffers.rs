@@ -72,7 +72,7 @@ impl Buffers {
     }
 }
 
-/// What a URI refers to.
+/// Target of a URI.
 pub(super) enum Location {
     /// An external file.
     File(PathBuf),

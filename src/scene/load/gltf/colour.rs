@@ -1,10 +1,10 @@
-//! Which materials meet vertex colours (`COLOR_0`).
+//! Materials that meet vertex colours (`COLOR_0`).
 
 use super::variant::MaterialsByPrimitive;
 use ::gltf::accessor::Dimensions;
 use ::gltf::{Document, Semantic};
 
-/// What of the colours of vertices a material is multiplied by.
+/// Parts of the vertices' colours that multiply a material.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct VertexColours {
     pub(super) rgb: bool,

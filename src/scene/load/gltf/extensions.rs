@@ -6,10 +6,10 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// What a picture shows of an extension.
+/// Support of an extension: what a picture shows of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Support {
-    /// What it says.
+    /// All that it says.
     Full,
     /// Nothing, because it says nothing about a picture. The sentence says what it is about.
     NotVisible(&'static str),
@@ -27,7 +27,8 @@ const PLAIN_IMAGE: Support = Ignored("the texture's plain image is used, if it h
 const NO_LIGHT: Support = Ignored("its light is left out");
 const PLAIN_MATERIAL: Support = Ignored("the rest of the material is used");
 
-/// What is known, by name. Names that are missing here are ignored with a warning, and refused if a file requires them.
+/// Known extensions, by name. Names that are missing here are ignored with a warning, and refused if a file requires
+/// them.
 const EXTENSIONS: [(&str, Support); 67] = [
     ("ADOBE_materials_clearcoat_specular", PLAIN_MATERIAL),
     ("ADOBE_materials_clearcoat_tint", PLAIN_MATERIAL),
@@ -98,12 +99,12 @@ const EXTENSIONS: [(&str, Support); 67] = [
     ("VRMC_vrm", METADATA),
 ];
 
-/// What is known of an extension. `None` if it is unknown.
+/// Support of an extension. `None` if it is unknown.
 fn support(name: &str) -> Option<Support> {
     EXTENSIONS.iter().find(|(known, _)| *known == name).map(|&(_, support)| support)
 }
 
-/// Whether a file that requires this extension can be shown as it asks.
+/// True if a file that requires this extension can be shown as it asks.
 pub(super) fn may_be_required(name: &str) -> bool {
     matches!(support(name), Some(Full | NotVisible(_)))
 }
@@ -130,7 +131,7 @@ pub(super) fn warn_of_ignored(declared: &[String], json: &[u8], warnings: &mut W
 /// which belong to applications.
 struct Names<'a> {
     found: &'a mut BTreeSet<String>,
-    /// Whether the value is an object called `extensions`.
+    /// True if the value is an object called `extensions`.
     are_keys_names: bool,
 }
 

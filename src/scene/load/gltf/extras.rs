@@ -1,4 +1,4 @@
-//! What the `extras` of a glTF file say to raystream.
+//! Words of a glTF file's `extras` to raystream.
 
 use super::super::warnings::Warnings;
 use crate::scene::{SurfaceName, SurfaceRequest, option_texts};

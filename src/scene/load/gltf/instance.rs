@@ -14,9 +14,9 @@ pub(super) struct Geometry {
     positions: usize,
     indices: Option<usize>,
     mode: u8,
-    /// Whether triangles are reversed, because the node's transform mirrors.
+    /// True if triangles are reversed, because the node's transform mirrors.
     pub(super) mirrored: bool,
-    /// Whether the material's alpha mode is not opaque.
+    /// True if the material's alpha mode is not opaque.
     pub(super) masked: bool,
 }
 

@@ -61,7 +61,7 @@ struct NodeTransform {
     placement: Placement,
     /// Inverse transpose of the linear part, up to a positive factor.
     normals: DMat3,
-    /// Whether the transform mirrors, which reverses the orientation of triangles.
+    /// True if the transform mirrors, which reverses the orientation of triangles.
     mirrors: bool,
 }
 

@@ -34,7 +34,7 @@ use serde::Deserialize;
 use std::path::Path;
 use variant::MaterialsByPrimitive;
 
-/// What the parts of the loader share.
+/// Context that the parts of the loader share.
 struct Context<'a> {
     session: &'a mut Session,
     document: &'a Document,
@@ -110,7 +110,7 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     Ok(Document::from_json_without_validation(root))
 }
 
-/// What documents of all versions have.
+/// Head of documents of all versions.
 #[derive(Deserialize)]
 struct Head {
     asset: Asset,
@@ -121,7 +121,7 @@ struct Asset {
     version: String,
 }
 
-/// What is wrong if a document needs another version of glTF than 2.0. A later version 2 is read as 2.0 unless the
+/// The problem if a document needs another version of glTF than 2.0. A later version 2 is read as 2.0 unless the
 /// document says that it needs more.
 fn unsupported(version: &str, least: Option<&str>) -> Option<String> {
     match least {

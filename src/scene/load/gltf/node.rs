@@ -19,7 +19,7 @@ pub(super) struct World {
     pub(super) objects: Objects,
     pub(super) lights: Vec<Light>,
     pub(super) cameras: Vec<NamedCamera>,
-    /// Whether triangles without a material use index `materials.len()`, the fallback material.
+    /// True if triangles without a material use index `materials.len()`, the fallback material.
     pub(super) uses_fallback: bool,
 }
 
@@ -73,9 +73,9 @@ struct WorldNode<'a> {
     matrix: DMat4,
     /// The place of its parent in the list of nodes.
     parent: Option<u32>,
-    /// Whether its mesh and its light are shown.
+    /// True if its mesh and its light are shown.
     visible: bool,
-    /// Where its mesh is shown, if it is not shown once.
+    /// Places at which its mesh is shown, if it is not shown once.
     instancing: Option<Instancing<'a>>,
 }
 
@@ -102,7 +102,7 @@ fn in_world<'a>(context: &mut Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadPro
     Ok(found)
 }
 
-/// Whether KHR_node_visibility hides the node and all nodes below. Cameras count all the same.
+/// True if KHR_node_visibility hides the node and all nodes below. Cameras count all the same.
 fn is_hidden(node: &Node) -> bool {
     let extension = node.extension_value("KHR_node_visibility");
     extension.is_some_and(|visibility| visibility["visible"].as_bool() == Some(false))

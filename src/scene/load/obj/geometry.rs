@@ -68,7 +68,7 @@ struct Reader {
     /// The corners of the current face, and their vertices.
     corners: Vec<Corner>,
     face: Vec<u32>,
-    /// Whether any corner has texture coordinates, and whether any has a normal.
+    /// True if any corner has texture coordinates, and true if any has a normal.
     has: [bool; 2],
     /// The name of the last `usemtl`.
     name: Option<String>,

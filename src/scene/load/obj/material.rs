@@ -64,7 +64,7 @@ pub(super) fn convert(
 struct Converter<'a> {
     path: &'a Path,
     definition: &'a Definition,
-    /// Whether the mesh has colours. They multiply `Kd`.
+    /// True if the mesh has colours. They multiply `Kd`.
     coloured: bool,
     textures: &'a mut Textures,
     session: &'a mut Session,

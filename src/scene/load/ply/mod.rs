@@ -69,7 +69,7 @@ struct Reader<'a> {
     values: Values<'a>,
     mesh: Mesh,
     dropped: Dropped,
-    /// Whether the vertices' colours have an alpha.
+    /// True if the vertices' colours have an alpha.
     has_alpha: bool,
 }
 

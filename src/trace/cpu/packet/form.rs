@@ -20,13 +20,13 @@ const GROUP: usize = PACKET_RAYS * PACKET_RAYS;
 /// The packets of a sub-stream.
 pub struct PacketSet {
     pub origin: Origin,
-    /// How many packets there are.
+    /// Number of packets.
     pub len: usize,
-    /// How many packets are in the list of each octant, at the bottom of its arena.
+    /// Number of packets in the list of each octant, at the bottom of its arena.
     pub counts: [usize; 8],
 }
 
-/// Whether rays seem to have one origin.
+/// True if rays seem to have one origin.
 pub fn may_form(rays: &[Ray]) -> bool {
     let same_origin = |at: usize| rays[at].origin == rays[0].origin;
     !rays.is_empty() && same_origin(rays.len() / 2) && same_origin(rays.len() - 1)
@@ -147,7 +147,7 @@ const SQUARES: [[u32; PACKET_RAYS]; PACKET_RAYS] = {
     squares
 };
 
-/// Whether rays seem to lie in rows of sixteen, as the camera rays of a 16 × 16 pixel block with one sample per pixel
+/// True if rays seem to lie in rows of sixteen, as the camera rays of a 16 × 16 pixel block with one sample per pixel
 /// do: then the first ray of the next row is nearer than the last ray of the same row. Affects speed alone.
 fn lies_in_rows(group: &[Ray]) -> bool {
     let difference = |a: usize, b: usize| {

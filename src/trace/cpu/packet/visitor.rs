@@ -288,7 +288,7 @@ impl<W: Lanes, E: Lanes, const ANY: bool> PacketVisitor<'_, W, E, ANY> {
     }
 }
 
-/// Whether so few rays of a packet, one bit each, reach a block that each ray is tested against all triangles at once,
+/// True if so few rays of a packet, one bit each, reach a block that each ray is tested against all triangles at once,
 /// instead of each triangle against the packet. A test of one ray costs about as much as two of one triangle, because
 /// it branches on its result.
 #[inline(always)]
