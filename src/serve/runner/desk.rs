@@ -5,7 +5,10 @@ use super::frame::{Kept, Leased};
 use super::planner::is_active;
 use super::task::{Failure, Task};
 use super::{Comparison, Holder, Outstanding, Runner};
-use crate::farm::{Answer, Ask, Desk, FailureReport, FinishedUnit, Orders, Report, Start, UnitId, Verdict};
+use crate::farm::{
+    Answer, Ask, Desk, FailureReport, FilePart, FinishedUnit, Orders, Report, SceneFile, Start, UnitId,
+    Verdict,
+};
 use crate::serve::failpoint;
 use crate::serve::ledger::{JobState, UnitRow};
 use std::sync::{Arc, Weak};
@@ -35,12 +38,8 @@ impl Desk for RunnersDesk {
                 Answer::Noted
             }
             Ask::Start(unit, worker, deliveries) => Answer::Start(runner.begin(&unit, &worker, deliveries)),
-            Ask::Files(scene, from) => {
-                Answer::Files(runner.files.list(&scene, &runner.store.scene_folder(&scene), from).ok())
-            }
-            Ask::File(part) => {
-                Answer::File(runner.files.read(&part, &runner.store.scene_folder(&part.scene)).ok())
-            }
+            Ask::Files(scene, from) => Answer::Files(runner.list_files(&scene, from)),
+            Ask::File(part) => Answer::File(runner.read_file(&part)),
             Ask::Result(finished) => Answer::Verdict(runner.take_result(finished)),
             Ask::Failure(failure) => {
                 runner.take_failure(&failure);
@@ -51,6 +50,18 @@ impl Desk for RunnersDesk {
 }
 
 impl Runner {
+    /// Files of a scene, from a number on, and the number of all. None if workers may not have them.
+    fn list_files(&self, scene: &str, from: u32) -> Option<(Vec<SceneFile>, u32)> {
+        let folder = self.is_shared(scene).then(|| self.store.scene_folder(scene))?;
+        self.files.list(scene, &folder, from).ok()
+    }
+
+    /// Bytes of a file of a scene. None if workers may not have them.
+    fn read_file(&self, part: &FilePart) -> Option<Vec<u8>> {
+        let folder = self.is_shared(&part.scene).then(|| self.store.scene_folder(&part.scene))?;
+        self.files.read(part, &folder).ok()
+    }
+
     /// Takes note of what a worker does, and tells it what to stop.
     fn orders(&self, report: &Report) -> Orders {
         let mut stop = Vec::new();

@@ -36,7 +36,7 @@ use frame::OpenFrame;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use task::{Task, TaskKey};
@@ -97,6 +97,8 @@ struct State {
     /// Units that a second worker is to render.
     comparisons: VecDeque<Comparison>,
     workers: Workers,
+    /// Scenes of views, each for as long as its view is open.
+    views: Vec<(String, Weak<()>)>,
     /// Whether open frames have fewer units than are wanted.
     is_short: bool,
     /// When the bus was last asked what it holds.
@@ -283,12 +285,31 @@ impl Runner {
     /// Workers on other machines for a view of a scene, if this process is a coordinator.
     pub fn workforce(self: &Arc<Self>, scene: LiveScene) -> Option<Workforce> {
         self.farm.bus.as_ref()?;
-        let own = Arc::downgrade(self);
+        let (own, view) = (Arc::downgrade(self), Arc::new(()));
+        let mut state = self.state();
+        state.views.retain(|(_, view)| view.strong_count() > 0);
+        state.views.push((scene.sha256.clone(), Arc::downgrade(&view)));
+        drop(state);
         let workers = move || {
+            // Workers may fetch the scene for as long as this is held.
+            let _is_open = &view;
             let runner = own.upgrade();
             runner.map_or_else(Vec::new, |runner| runner.state().workers.live(runner.bus.lease_time()))
         };
         Some(Workforce::new(Arc::clone(&self.bus), scene, workers))
+    }
+
+    /// Whether workers may have the files of a scene: one that was uploaded, of a job that runs or of an open view.
+    fn is_shared(&self, scene: &str) -> bool {
+        let is_hash =
+            scene.len() == 64 && scene.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
+        let is_wanted = || {
+            let state = self.state();
+            let is_run = |run: &Run| planner::is_active(run.job.state) && run.job.scene == scene;
+            let is_viewed = |(own, view): &(String, Weak<()>)| own == scene && view.strong_count() > 0;
+            state.runs.values().any(is_run) || state.views.iter().any(is_viewed)
+        };
+        is_hash && is_wanted() && self.ledger.scene(scene).is_ok_and(|bytes| bytes.is_some())
     }
 
     /// The workers, by name.
