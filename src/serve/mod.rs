@@ -22,6 +22,7 @@ mod own_scene;
 pub mod page;
 mod pictures;
 mod problem;
+pub(crate) mod roots;
 mod runner;
 mod scene_cache;
 mod scene_reader;

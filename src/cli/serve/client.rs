@@ -31,9 +31,12 @@ impl Client {
         let token = std::fs::read_to_string(&args.token_file).with_context(|| {
             format!("{path}: the token cannot be read; name the service's file `token` (--token-file)")
         })?;
-        let config = Agent::config_builder().http_status_as_error(false).max_redirects(0);
-        let agent = config.timeout_connect(Some(Duration::from_secs(10))).build().new_agent();
+        let mut config = Agent::config_builder().http_status_as_error(false).max_redirects(0);
         let server = args.server.trim_end_matches('/').to_owned();
+        if server.starts_with("https:") {
+            config = config.tls_config(crate::serve::roots::tls(args.ca.as_deref())?);
+        }
+        let agent = config.timeout_connect(Some(Duration::from_secs(10))).build().new_agent();
         Ok(Self { agent, server, token: format!("Bearer {}", token.trim()) })
     }
 

@@ -61,6 +61,7 @@ fn serve(
         data: data.clone(),
         tls: tls.map(|(certificate, key)| Tls { certificate, key }),
         insecure: *insecure,
+        ca: args.ca.clone(),
         open_to_drake: args.drake,
         names: name.clone(),
         limits,
