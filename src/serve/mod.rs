@@ -31,6 +31,7 @@ mod state;
 mod store;
 mod webhook;
 
+pub(crate) use auth::write_private;
 pub use auth::{TOKEN_FILE, hex};
 pub use failpoint::Failpoint;
 pub use limits::Limits;
@@ -43,4 +44,4 @@ pub use scene_cache::SceneCache;
 pub use scene_reader::SceneReader;
 pub use server::{Options, ServeError, Stop, Tls, run};
 pub use state::State;
-pub use store::{entry_in, inside};
+pub use store::{entry_in, entry_name, inside, is_sha256};

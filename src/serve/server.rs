@@ -1,6 +1,6 @@
 //! Listens, and ends in an orderly way.
 
-use super::auth::Auth;
+use super::auth::{Auth, Secret};
 use super::connections::{Admission, Connections, room_for};
 use super::ledger::{Ledger, LedgerError};
 use super::limits::Limits;
@@ -138,6 +138,7 @@ pub fn run(
     make_private(&data).map_err(failed(&data))?;
     let _lock = lock(&data)?;
     let auth = Auth::open(&data).map_err(failed(&data))?;
+    let secret = Secret::open(&data).map_err(failed(&data))?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
@@ -145,7 +146,8 @@ pub fn run(
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
-    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&pictures), limits, farm)?;
+    let kept = (Arc::clone(&ledger), Arc::clone(&store), secret);
+    let runner = Runner::start(kept, Arc::clone(&pictures), limits, farm)?;
     let state = State::new(Inner {
         auth,
         limits,

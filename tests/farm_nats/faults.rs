@@ -133,7 +133,7 @@ fn a_worker_whose_sums_are_wrong_is_found_and_named() {
         &["--nats", &nats.url(), "--lease", "1", "--compared", "1", "--most-files", "3"],
     );
     let scene = service.upload_file(&shipped("cornell.json"));
-    let mut wrong = Worker::start(&nats.url(), "wrong", &["--corrupt"]);
+    let mut wrong = Worker::start(&nats.url(), "wrong", &["--mischief", "lie"]);
     let _right = Worker::start(&nats.url(), "right", &[]);
     let began = Instant::now();
     while service.get("/api/v1/workers").json()["workers"].as_array().map(Vec::len) < Some(2) {

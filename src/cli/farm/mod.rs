@@ -7,7 +7,7 @@ mod systemd;
 
 use super::args::{FarmArgs, FarmCommand, NatsArgs, WorkerArgs};
 use super::{Outcome, Registry};
-use crate::cli::serve::{LoadedScenes, Studio};
+use crate::cli::serve::{LoadedScenes, Studio, trust};
 use crate::farm::nats::{NatsBus, NatsOptions, NatsServer};
 use crate::farm::{DiskScenes, WorkBus, Worker, WorkerOptions};
 use crate::serve::{FarmOptions, Limits, Pictures, SceneReader};
@@ -28,6 +28,7 @@ pub fn run(command: &FarmCommand) -> Result<Outcome> {
     match command {
         FarmCommand::Init(args) => init::init(args),
         FarmCommand::Key(args) => init::key(args),
+        FarmCommand::Trust(args) => trust(args),
         FarmCommand::Plan(args) => plan::run(args),
     }
 }
@@ -49,16 +50,20 @@ pub fn connect(
     data: &Path,
     farm: &mut FarmOptions,
 ) -> Result<Option<NatsServer>> {
-    let own = if args.spawn_nats { Some(NatsServer::start(data)?) } else { None };
+    let own = if args.spawn_nats { Some(NatsServer::start(data, &args.server.farm)?) } else { None };
     let url = own.as_ref().map(|own| own.url().to_owned()).or_else(|| args.nats.clone());
     let Some(url) = url else { return Ok(None) };
     let mut options = options(&url, &args.server, insecure);
     options.lease = Duration::from_secs_f64(args.lease);
+    if let Some(own) = &own {
+        options.nkey = Some(own.key());
+    }
     let farm_name = options.prefix.clone();
     farm.bus = Some(Arc::new(NatsBus::connect(options, "raystream coordinator")?));
     farm.compared_share = args.compared;
     let of_farm = if farm_name == "raystream" { String::new() } else { format!(" --farm {farm_name}") };
-    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}");
+    let keys = own.as_ref().map(|own| format!(" --nats-key {}", own.worker_keys().display()));
+    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}{}", keys.unwrap_or_default());
     Ok(own)
 }
 
@@ -75,7 +80,8 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
         Some(cache) => cache.clone(),
         None => cache_folder()?,
     };
-    let scenes = DiskScenes::open(&cache.join("scenes"), args.cache_size, Arc::clone(&bus));
+    let made = LoadedScenes::folder(&cache);
+    let scenes = DiskScenes::open(&cache.join("scenes"), &made, args.cache_size, Arc::clone(&bus));
     let scenes = scenes.with_context(|| format!("{}: the cache cannot be used", cache.display()))?;
     let loaded = LoadedScenes::new(&cache, args.cache_size);
     let studio = Arc::new(Studio::with_units(registry, &args.units, args.memory, loaded)?);
@@ -90,7 +96,7 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
         slots: args.slots,
         idle,
         is_live: true,
-        corrupt: args.corrupt,
+        mischief: args.mischief,
     };
     let worker = Worker::new(options, bus, Arc::new(scenes), reader);
     listen_for_signals(&worker);

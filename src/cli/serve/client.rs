@@ -147,6 +147,14 @@ fn print(job: &Value) {
         job["frames"],
         text(job, "error")
     );
+    let suspects: Vec<&str> =
+        job["suspects"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    if !suspects.is_empty() {
+        stdout_line!(
+            "  suspect: it has sums of {}, which sent wrong ones; submit it again",
+            suspects.join(", ")
+        );
+    }
 }
 
 /// An identifier that is put into an address.
@@ -214,5 +222,29 @@ pub fn cancel(args: &CancelArgs) -> Result<Outcome> {
     let frames = answer["kept"]["frames"].as_array().map_or(0, Vec::len);
     let (units, all) = (&answer["kept"]["units"], &answer["kept"]["of_units"]);
     stdout_line!("job {id} is {}; kept: {frames} frames, {units} of {all} units", text(&answer, "state"));
+    Ok(Outcome::Done)
+}
+
+/// `raystream farm trust`.
+#[cfg(feature = "farm")]
+pub fn trust(args: &crate::cli::args::FarmTrustArgs) -> Result<Outcome> {
+    let client = Client::new(&args.client)?;
+    let listed = json_of(client.get("/api/v1/workers")?)?;
+    let workers = listed["workers"].as_array().into_iter().flatten();
+    let is_meant = |worker: &&Value| [text(worker, "name"), text(worker, "key")].contains(&&*args.worker);
+    let keys: Vec<&str> = workers.filter(is_meant).map(|worker| text(worker, "key")).collect();
+    let key = match *keys {
+        [] => bail!("{}: there is no worker of this name or key", args.worker),
+        [key] => key,
+        _ => {
+            bail!("{}: several workers have this name; name the key of one: {}", args.worker, keys.join(", "))
+        }
+    };
+    let answer = client.post(&format!("/api/v1/workers/{key}/trust"), &json!({}), None)?;
+    if args.client.json {
+        stdout_line!("{answer}");
+    } else {
+        stdout_line!("worker {} gets units again", args.worker);
+    }
     Ok(Outcome::Done)
 }

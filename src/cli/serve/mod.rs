@@ -10,6 +10,8 @@ mod studio;
 mod view;
 
 pub use check_scene::run as check_scene;
+#[cfg(feature = "farm")]
+pub use client::trust;
 pub use client::{cancel, fetch, jobs, submit, timeline};
 pub use view::run as view;
 
