@@ -31,7 +31,7 @@ class Service:
         words = ["serve", "--data", folder / "data", *options]
         if links:
             self.nats, wrap = f"nats://{COORDINATOR}:4222", links.of("coordinator")
-            server = ["nats-server", "-a", COORDINATOR, "-p", "4222", "-js", "-sd", folder / "nats"]
+            server = ["nats-server", "-a", COORDINATOR, "-p", "4222"]
             self.start_program("nats", wrap(server))
             words += ["--nats", self.nats, "--insecure", "--listen", f"{OUTSIDE}:0"]
         else:
@@ -61,6 +61,8 @@ class Service:
         words += ["--cache", self.folder / f"cache-{name}"]
         if self.links:
             words, wrap = [*words, "--insecure"], self.links.of(name)
+        else:
+            words += ["--nats-key", self.folder / "data/nats/workers"]
         return self.start(name, words, wrap)
 
     def wait_for_workers(self, count):

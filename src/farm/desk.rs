@@ -1,10 +1,11 @@
 //! What workers ask of the coordinator.
 
-use super::unit::UnitId;
+use super::unit::{Unit, UnitId};
 use crate::render::{PARTIAL_FILM_VERSION, PICTURE_VERSION};
 use crate::scene::FINGERPRINT_VERSION;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// What must be the same for two processes to make the same patches. Shaders are parts of scenes, whose fingerprints
@@ -43,25 +44,26 @@ impl Build {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Card {
-    /// Its name: no other worker's.
+    /// Its name, for people. Its key is what it is known by.
     pub worker: String,
     /// Its machine.
     pub host: String,
     /// Its build.
     pub build: Build,
+    /// A number that its process has drawn: another process of the same key has none of the units of this one.
+    pub session: u64,
     /// Units that it renders at the same time.
     pub slots: u32,
     /// What traces there, in words.
     pub units: String,
-    /// The address at which it is asked for tiles of live views. None if it renders none.
-    #[serde(default)]
-    pub live: Option<String>,
+    /// Whether it is asked for tiles of live views.
+    pub is_live: bool,
 }
 
 /// The answer to a worker that joins.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Welcome {
-    /// It may take units, and its leases last this long.
+    /// It may ask for units, and its leases last this long.
     Joined {
         /// Milliseconds.
         lease_ms: u64,
@@ -70,14 +72,57 @@ pub enum Welcome {
     Refused(String),
 }
 
-/// What a worker tells from time to time.
+/// A question for a unit.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wanted {
+    /// The process that asks ([`Card::session`]).
+    pub session: u64,
+    /// The units that it has. One that it was given and does not name is given again: the answer was lost.
+    pub have: Vec<UnitId>,
+}
+
+/// A unit that a worker is given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Leased {
+    /// The unit.
+    pub unit: Unit,
+    /// Shows that this worker has it. It is a function of the unit, the worker's key and a secret of the coordinator.
+    pub token: String,
+}
+
+/// The answer to a worker that asks for a unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Granted {
+    /// A unit.
+    Unit(Box<Leased>),
+    /// There is none now.
+    None,
+    /// The worker gets none for a while, and why.
+    Rests(String),
+    /// The worker may take no units.
+    Refused(String),
+    /// The coordinator does not know it: it is to join.
+    Unknown,
+}
+
+/// A unit that a worker has, with the token that shows it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Held {
+    /// The unit.
+    pub unit: UnitId,
+    /// [`Leased::token`].
+    pub token: String,
+}
+
+/// What a worker tells from time to time. It renews the leases of the units that it names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
-    /// Its name.
-    pub worker: String,
-    /// The units that it has leased.
-    pub units: Vec<UnitId>,
+    /// The units that it has and that do not hang.
+    pub units: Vec<Held>,
     /// Whether it takes no more units.
     pub is_draining: bool,
     /// Scenes that it found in its cache, and scenes that it fetched.
@@ -97,30 +142,19 @@ pub struct Orders {
     pub is_unknown: bool,
 }
 
-/// The answer to a worker that is about to render a unit.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Start {
-    /// It is to be rendered.
-    Go,
-    /// It needs no work any more.
-    Skip,
-    /// Not now, or not by this worker.
-    Wait,
-    /// The worker may take no units.
-    Refused(String),
-}
-
 /// A rendered unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FinishedUnit {
-    /// The unit.
-    pub unit: UnitId,
-    /// Who has rendered it.
-    pub worker: String,
+    /// The unit, and the token that shows that it was given to this worker.
+    pub held: Held,
     /// What the worker's frame is a function of ([`crate::serve::OpenJob::identity`]).
     pub identity: String,
-    /// The SHA-256 of the sums.
+    /// The blocks that were rendered.
+    pub blocks: Vec<u32>,
+    /// The samples of each of their pixels.
+    pub samples: Range<u32>,
+    /// [`super::digest`] of all that.
     pub digest: String,
     /// How long it took, with opening its scene.
     pub seconds: f64,
@@ -142,6 +176,8 @@ pub enum Verdict {
     Stale,
     /// The disk or the ledger refuses now; send it again later.
     Later,
+    /// It is of another picture, and why: the worker is to fetch the scene anew.
+    Anew(String),
     /// It is not what was asked for, and why.
     Refused(String),
 }
@@ -151,9 +187,7 @@ pub enum Verdict {
 #[serde(deny_unknown_fields)]
 pub struct FailureReport {
     /// The unit.
-    pub unit: UnitId,
-    /// Who has tried.
-    pub worker: String,
+    pub held: Held,
     /// Why not.
     pub error: String,
 }
@@ -190,9 +224,11 @@ pub enum Ask {
     /// This is what I do; what shall I stop?
     Report(Report),
     /// I take no more units and have none.
-    Leave(String),
-    /// Shall I render this? With the worker's name and the number of deliveries.
-    Start(UnitId, String, u64),
+    Leave,
+    /// Give me a unit.
+    Lease(Wanted),
+    /// Give this to someone else.
+    GiveBack(Held),
     /// The files of a scene, from a number on.
     Files(String, u32),
     /// At most [`super::PART_BYTES`] of a file.
@@ -210,10 +246,10 @@ pub enum Answer {
     Welcome(Welcome),
     /// To [`Ask::Report`].
     Orders(Orders),
-    /// To [`Ask::Leave`] and [`Ask::Failure`].
+    /// To [`Ask::Leave`], [`Ask::GiveBack`] and [`Ask::Failure`].
     Noted,
-    /// To [`Ask::Start`].
-    Start(Start),
+    /// To [`Ask::Lease`].
+    Granted(Granted),
     /// To [`Ask::Files`], with the number of all files. None if there is no such scene.
     Files(Option<(Vec<SceneFile>, u32)>),
     /// To [`Ask::File`]; none if it cannot be read. The bytes travel beside the rest.
@@ -222,8 +258,12 @@ pub enum Answer {
     Verdict(Verdict),
 }
 
-/// Answers workers.
+/// Answers workers. What they say is the word of a stranger, but for their key: the bus vouches for it where the server
+/// knows keys.
 pub trait Desk: Send + Sync {
-    /// Answers. It may be called by many threads at the same time.
-    fn answer(&self, ask: Ask) -> Answer;
+    /// Answers the worker of a key. It may be called by many threads at the same time.
+    fn answer(&self, key: &str, ask: Ask) -> Answer;
+
+    /// Whether parts of a result of so many bytes may be collected for the worker of a key.
+    fn expects(&self, key: &str, finished: &FinishedUnit, bytes: u64) -> bool;
 }

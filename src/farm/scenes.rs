@@ -2,14 +2,14 @@
 
 use super::bus::{BusError, WorkBus};
 use super::desk::{Answer, Ask, FilePart, SceneFile};
-use crate::serve::{entry_in, hex, inside};
+use crate::serve::{entry_in, hex, inside, is_sha256};
 use sha2::{Digest, Sha256};
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 /// What the names of half-fetched scenes begin with. Those of a day ago are of no one.
@@ -21,6 +21,9 @@ const USED: &str = ".used";
 
 /// The longest time that a scene is not counted as used although it is.
 const TOUCH_EVERY: Duration = Duration::from_secs(60);
+
+/// The most files of a scene, and bytes of a list of them: more than any upload has.
+const MOST_FILES: usize = 100_000;
 
 /// Why there is no scene.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -55,11 +58,22 @@ pub trait SceneSource: Send + Sync {
 
     /// Scenes that were there, and scenes that were fetched.
     fn counts(&self) -> (u64, u64);
+
+    /// The folder of a scene, unless it is the service's own.
+    fn folder(&self, sha256: &str) -> Option<PathBuf>;
+
+    /// Lets go of a scene that may be damaged: it is fetched anew when it is wanted again.
+    fn discard(&self, sha256: &str);
 }
 
-/// A cache of scenes in a folder, which several workers may share.
+/// A cache of scenes in a folder, which several workers may share. What is found in it is compared with the coordinator's
+/// list before it is used for the first time.
 pub struct DiskScenes {
     folder: PathBuf,
+    /// The folder of what was made from scenes, and goes with them.
+    made: PathBuf,
+    /// Scenes whose files have been compared.
+    checked: Mutex<HashSet<String>>,
     most_bytes: u64,
     bus: Arc<dyn WorkBus>,
     fetching: Mutex<HashSet<String>>,
@@ -76,11 +90,11 @@ impl std::fmt::Debug for DiskScenes {
 }
 
 impl DiskScenes {
-    /// A cache of at most so many bytes in a folder.
+    /// A cache of at most so many bytes in a folder. `made` is the folder of files that are made from scenes.
     ///
     /// # Errors
     /// If the folder cannot be made.
-    pub fn open(folder: &Path, most_bytes: u64, bus: Arc<dyn WorkBus>) -> io::Result<Self> {
+    pub fn open(folder: &Path, made: &Path, most_bytes: u64, bus: Arc<dyn WorkBus>) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         for entry in fs::read_dir(folder)?.flatten() {
             let is_part = entry.file_name().to_string_lossy().starts_with(PART);
@@ -91,6 +105,8 @@ impl DiskScenes {
         }
         Ok(Self {
             folder: folder.to_owned(),
+            made: made.to_owned(),
+            checked: Mutex::default(),
             most_bytes,
             bus,
             fetching: Mutex::default(),
@@ -112,28 +128,60 @@ impl DiskScenes {
         }
     }
 
-    /// Fetches a scene; others that want it wait.
+    /// Fetches a scene, or compares what is there; others that want it wait.
     fn fetch_once(&self, sha256: &str) -> Result<(), NoScene> {
         let lock = || self.fetching.lock().unwrap_or_else(PoisonError::into_inner);
         let mut fetching = lock();
         while fetching.contains(sha256) {
             fetching = self.fetched.wait(fetching).unwrap_or_else(PoisonError::into_inner);
         }
-        if self.folder.join(sha256).is_dir() {
+        let is_there = self.folder.join(sha256).is_dir();
+        if is_there && self.checked().contains(sha256) {
             self.hits.fetch_add(1, Relaxed);
             return Ok(());
         }
         fetching.insert(sha256.to_owned());
         drop(fetching);
-        let result = self.fetch(sha256);
+        let found = self.find(sha256, is_there);
         lock().remove(sha256);
         self.fetched.notify_all();
-        self.misses.fetch_add(1, Relaxed);
-        result
+        let counted = if matches!(found, Ok(true)) { &self.hits } else { &self.misses };
+        counted.fetch_add(1, Relaxed);
+        found?;
+        self.checked().insert(sha256.to_owned());
+        Ok(())
     }
 
-    fn fetch(&self, sha256: &str) -> Result<(), NoScene> {
+    fn checked(&self) -> MutexGuard<'_, HashSet<String>> {
+        self.checked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Fetches a scene unless what is there is whole. Whether it was.
+    fn find(&self, sha256: &str, is_there: bool) -> Result<bool, NoScene> {
         let files = self.files(sha256)?;
+        if is_there {
+            match compare(&self.folder.join(sha256), &files) {
+                Ok(()) => return Ok(true),
+                Err(why) => {
+                    log::warn!("scene {}: {why}; it is fetched anew", &sha256[..12]);
+                    self.remove(sha256);
+                }
+            }
+        }
+        self.fetch(sha256, &files).map(|()| false)
+    }
+
+    /// Removes a scene, and all that was made from scenes: their names do not tell from which.
+    fn remove(&self, sha256: &str) {
+        let gone = self.folder.join(format!("{PART}{sha256}"));
+        // Another worker may be as careful.
+        let _ = fs::rename(self.folder.join(sha256), &gone).and_then(|()| fs::remove_dir_all(&gone));
+        for entry in fs::read_dir(&self.made).into_iter().flatten().flatten() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+
+    fn fetch(&self, sha256: &str, files: &[SceneFile]) -> Result<(), NoScene> {
         let all = files.iter().map(|file| file.bytes).fold(0_u64, u64::saturating_add);
         if all > self.most_bytes {
             let most = self.most_bytes;
@@ -163,6 +211,9 @@ impl DiskScenes {
                 Answer::Files(Some((some, all))) => {
                     let is_stuck = some.is_empty() && files.len() < all as usize;
                     files.extend(some);
+                    if files.len() > MOST_FILES {
+                        return Err(NoScene::Ever("the list of its files has no end".into()));
+                    }
                     if files.len() >= all as usize {
                         return Ok(files);
                     }
@@ -178,6 +229,7 @@ impl DiskScenes {
 
     fn fetch_file(&self, scene: &str, number: u32, file: &SceneFile, path: &Path) -> Result<(), NoScene> {
         let (mut to, mut hash, mut offset) = (File::create_new(path)?, Sha256::new(), 0);
+        // One that is longer than it was said to be has another content.
         while offset < file.bytes {
             let part = FilePart { scene: scene.to_owned(), file: number, offset };
             let bytes = match self.bus.ask(Ask::File(part))? {
@@ -221,6 +273,28 @@ impl DiskScenes {
     }
 }
 
+/// Compares the files of a folder with a list.
+fn compare(folder: &Path, files: &[SceneFile]) -> Result<(), String> {
+    for file in files {
+        let wrong = |what: &str| format!("{:?} in the cache {what}", file.path);
+        let path = inside(folder, &file.path).ok_or_else(|| wrong("leads out of it"))?;
+        let mut from = File::open(path).map_err(|error| wrong(&format!("cannot be read: {error}")))?;
+        let (mut hash, mut bytes, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
+        loop {
+            let read = from.read(&mut buffer).map_err(|error| wrong(&format!("cannot be read: {error}")))?;
+            if read == 0 {
+                break;
+            }
+            hash.update(&buffer[..read]);
+            bytes += read as u64;
+        }
+        if bytes != file.bytes || hex(&hash.finalize()) != file.sha256 {
+            return Err(wrong("is damaged"));
+        }
+    }
+    Ok(())
+}
+
 /// How long ago a file was changed.
 fn age(path: &Path) -> Option<Duration> {
     fs::metadata(path).and_then(|data| data.modified()).ok()?.elapsed().ok()
@@ -239,8 +313,7 @@ fn bytes_of(folder: &Path) -> u64 {
 
 impl SceneSource for DiskScenes {
     fn scene(&self, sha256: &str, entry: Option<&str>) -> Result<(PathBuf, PathBuf), NoScene> {
-        let is_name = sha256.len() == 64 && sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
-        if !is_name {
+        if !is_sha256(sha256) {
             return Err(NoScene::Ever(format!("{sha256:?} is no SHA-256")));
         }
         self.fetch_once(sha256)?;
@@ -248,6 +321,17 @@ impl SceneSource for DiskScenes {
         let folder = self.folder.join(sha256);
         let path = entry_in(&folder, entry).map_err(|problem| NoScene::Ever(problem.to_string()))?;
         Ok((path, folder))
+    }
+
+    fn folder(&self, sha256: &str) -> Option<PathBuf> {
+        Some(self.folder.join(sha256))
+    }
+
+    fn discard(&self, sha256: &str) {
+        self.checked().remove(sha256);
+        if is_sha256(sha256) {
+            self.remove(sha256);
+        }
     }
 
     fn counts(&self) -> (u64, u64) {

@@ -13,6 +13,8 @@ pub struct UnitId {
     pub job: String,
     /// The frame.
     pub frame: u32,
+    /// How often the frame has begun anew: units of one round have nothing to do with those of another.
+    pub round: u32,
     /// The pass of the frame.
     pub pass: u64,
     /// Its number in the pass.
@@ -24,8 +26,8 @@ pub struct UnitId {
 impl fmt::Display for UnitId {
     /// In letters, digits and dots, as in subjects.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { job, frame, pass, number, copy } = self;
-        write!(f, "{job}.{frame}.{pass}.{number}.{copy}")
+        let Self { job, frame, round, pass, number, copy } = self;
+        write!(f, "{job}.{frame}.{round}.{pass}.{number}.{copy}")
     }
 }
 

@@ -1,9 +1,11 @@
 //! Takes units from a bus, renders them, and sends back what they have become.
 
-use super::bus::{BusError, Lease, WorkBus};
+use super::bus::{BusError, WorkBus};
 use super::desk::{
-    Answer, Ask, Build, Card, FailureReport, FinishedUnit, Orders, Report, Start, Verdict, Welcome,
+    Answer, Ask, Build, Card, FailureReport, FinishedUnit, Granted, Held, Leased, Orders, Report, Verdict,
+    Wanted, Welcome,
 };
+use super::lease::digest;
 use super::live::LiveDesk;
 use super::painter::Painter;
 use super::scenes::{NoScene, SceneSource};
@@ -12,16 +14,20 @@ use super::watch::UnitWatch;
 use super::{BEATS, REPORT};
 use crate::render::{Pass, Patch};
 use crate::schedule::Priority;
-use crate::serve::{OpenJob, SceneReader, failpoint, hex};
-use sha2::{Digest, Sha256};
+use crate::serve::{SceneReader, OpenJob, failpoint};
 use std::collections::HashMap;
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long a slot waits for a unit before it looks whether it is to end.
+/// How long a slot waits for a unit before it asks again, and looks whether it is to end.
 const LEASE_PATIENCE: Duration = Duration::from_millis(500);
+
+/// How long a slot rests after what it could not render now, and a worker that is given no units.
+const REST: Duration = Duration::from_secs(1);
 
 /// How long a worker tries to send what it has rendered before it gives the unit back.
 const SEND_PATIENCE: Duration = Duration::from_secs(60);
@@ -35,6 +41,9 @@ const HANGS_AFTER: Duration = Duration::from_secs(600);
 
 /// The byte that a worker changes that is to be found out: in the sum of the first pixel.
 const CORRUPT: usize = 22;
+
+/// Units that are kept back at the same time by a worker that holds them, for tests.
+const HOARD: Duration = Duration::from_secs(3600);
 
 /// Scenes that are kept ready, with their options.
 const READY: usize = 8;
@@ -54,8 +63,35 @@ pub struct WorkerOptions {
     pub idle: Option<Duration>,
     /// Whether it renders tiles of live views, too.
     pub is_live: bool,
-    /// Whether a byte of each film is changed, for tests.
-    pub corrupt: bool,
+    /// What it does wrong, for tests.
+    pub mischief: Option<Mischief>,
+}
+
+/// What a worker of tests does wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mischief {
+    /// It changes a byte of the sums.
+    Lie,
+    /// It says that units cannot be rendered.
+    Spoil,
+    /// It keeps units and returns nothing.
+    Hoard,
+    /// It gives units back at once.
+    Return,
+}
+
+impl FromStr for Mischief {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "lie" => Ok(Self::Lie),
+            "spoil" => Ok(Self::Spoil),
+            "hoard" => Ok(Self::Hoard),
+            "return" => Ok(Self::Return),
+            _ => Err("write lie, spoil, hoard or return".into()),
+        }
+    }
 }
 
 /// A worker.
@@ -65,14 +101,20 @@ pub struct Worker {
     scenes: Arc<dyn SceneSource>,
     reader: Arc<SceneReader>,
     painter: Arc<Painter>,
-    /// Where it is asked for tiles.
-    address: Mutex<Option<String>>,
+    /// A number of this process's own.
+    session: u64,
+    /// Whether it hears what the coordinator asks.
+    is_listening: AtomicBool,
+    /// Held while a slot asks for a unit: one at a time, so that each names all units of the others.
+    asking: Mutex<()>,
     active: Mutex<HashMap<UnitId, Active>>,
     ready: Mutex<Vec<(String, Arc<Opened>)>>,
     is_draining: AtomicBool,
     /// The units under way are given back too.
     is_ending: AtomicBool,
     refused: Mutex<Option<String>>,
+    /// Why it was last given no units.
+    rests: Mutex<String>,
     last_unit: Mutex<Instant>,
     rays: AtomicU64,
     lease_time: Mutex<Duration>,
@@ -82,7 +124,7 @@ pub struct Worker {
 
 /// A unit under way.
 struct Active {
-    lease: Arc<dyn Lease>,
+    token: String,
     watch: Arc<UnitWatch>,
 }
 
@@ -92,9 +134,6 @@ struct Opened {
     /// What its frames are functions of.
     identities: Mutex<HashMap<u32, String>>,
 }
-
-/// A thread beside those of the slots: its name, and what it does again and again.
-type Helper = (&'static str, fn(&Worker));
 
 /// What has become of a unit.
 struct Rendered {
@@ -138,12 +177,15 @@ impl Worker {
             scenes,
             reader,
             painter,
-            address: Mutex::default(),
+            session: RandomState::new().build_hasher().finish(),
+            is_listening: AtomicBool::new(false),
+            asking: Mutex::default(),
             active: Mutex::default(),
             ready: Mutex::default(),
             is_draining: AtomicBool::new(false),
             is_ending: AtomicBool::new(false),
             refused: Mutex::default(),
+            rests: Mutex::default(),
             last_unit: Mutex::new(Instant::now()),
             rays: AtomicU64::new(0),
             lease_time,
@@ -183,7 +225,7 @@ impl Worker {
     pub fn run(self: &Arc<Self>) -> Result<(), String> {
         if self.options.is_live {
             match self.bus.listen(Arc::clone(&self.painter) as Arc<dyn LiveDesk>) {
-                Ok(address) => *lock(&self.address) = Some(address),
+                Ok(()) => self.is_listening.store(true, Relaxed),
                 Err(error) => log::warn!("the worker renders no tiles of live views: {error}"),
             }
         }
@@ -195,11 +237,11 @@ impl Worker {
             let _ = thread.join();
         }
         // The coordinator would miss it soon anyway.
-        let _ = self.bus.ask(Ask::Leave(self.options.name.clone()));
+        let _ = self.bus.ask(Ask::Leave);
         lock(&self.refused).take().map_or(Ok(()), Err)
     }
 
-    /// Starts the threads: one for each slot, one that beats, one that reports, and one that renders tiles.
+    /// Starts the threads: one for each slot, one that reports, and one that renders tiles.
     fn start(self: &Arc<Self>) -> std::io::Result<Vec<JoinHandle<()>>> {
         let mut threads = Vec::new();
         let live = Arc::new(AtomicU64::new(u64::from(self.options.slots)));
@@ -211,24 +253,18 @@ impl Worker {
                 live.fetch_sub(1, Relaxed);
             })?);
         }
-        let helpers: [Helper; 2] = [("beat", Self::beat), ("report", Self::report)];
-        for (name, help) in helpers {
-            let (own, live) = (Arc::clone(self), Arc::clone(&live));
-            threads.push(std::thread::Builder::new().name(name.into()).spawn(move || {
-                let mut last = Instant::now();
-                while live.load(Relaxed) > 0 {
-                    std::thread::sleep(Duration::from_millis(20));
-                    let (every, is_asked) = match name {
-                        "beat" => (*lock(&own.lease_time) / BEATS, false),
-                        _ => (REPORT, own.has_stopped.swap(false, Relaxed)),
-                    };
-                    if is_asked || last.elapsed() >= every {
-                        last = Instant::now();
-                        help(&own);
-                    }
+        let own = Arc::clone(self);
+        threads.push(std::thread::Builder::new().name("report".into()).spawn(move || {
+            let mut last = Instant::now();
+            while live.load(Relaxed) > 0 {
+                std::thread::sleep(Duration::from_millis(20));
+                let every = REPORT.min(*lock(&own.lease_time) / BEATS);
+                if own.has_stopped.swap(false, Relaxed) || last.elapsed() >= every {
+                    last = Instant::now();
+                    own.report();
                 }
-            })?);
-        }
+            }
+        })?);
         let painter = Arc::clone(&self.painter);
         threads.push(std::thread::Builder::new().name("live tiles".into()).spawn(move || painter.run())?);
         Ok(threads)
@@ -241,9 +277,10 @@ impl Worker {
             worker: name.clone(),
             host: host.clone(),
             build: Build::own(),
+            session: self.session,
             slots: *slots,
             units: units.clone(),
-            live: lock(&self.address).clone(),
+            is_live: self.is_listening.load(Relaxed),
         };
         let mut told = false;
         loop {
@@ -266,18 +303,15 @@ impl Worker {
         }
     }
 
-    fn beat(&self) {
-        let active = lock(&self.active);
-        active
-            .values()
-            .filter(|unit| unit.watch.still_for() < HANGS_AFTER)
-            .for_each(|unit| unit.lease.beat());
-    }
-
+    /// Tells what it does, which renews its leases.
     fn report(&self) {
+        let active = lock(&self.active);
+        let lives = |unit: &&Active| unit.watch.still_for() < HANGS_AFTER || self.options.mischief.is_some();
+        let held = active.iter().filter(|(_, unit)| lives(unit));
+        let units = held.map(|(id, unit)| Held { unit: id.clone(), token: unit.token.clone() }).collect();
+        drop(active);
         let report = Report {
-            worker: self.options.name.clone(),
-            units: lock(&self.active).keys().cloned().collect(),
+            units,
             is_draining: self.is_draining.load(Relaxed),
             cache: self.scenes.counts(),
             rays: self.rays.load(Relaxed),
@@ -306,91 +340,142 @@ impl Worker {
     /// A slot: one unit after another.
     fn slot(&self) {
         while !self.is_draining.load(Relaxed) {
-            match self.bus.lease(LEASE_PATIENCE) {
-                Ok(Some(lease)) => {
-                    *lock(&self.last_unit) = Instant::now();
-                    self.work(lease.into());
-                    *lock(&self.last_unit) = Instant::now();
-                }
-                Ok(None) => {
-                    let waited = lock(&self.last_unit).elapsed();
-                    if self.options.idle.is_some_and(|idle| waited >= idle) && lock(&self.active).is_empty() {
-                        self.drain();
-                    }
-                }
-                Err(error) => {
-                    log::debug!("{error}");
-                    std::thread::sleep(Duration::from_millis(200));
-                }
+            if let Some((leased, watch)) = self.lease() {
+                *lock(&self.last_unit) = Instant::now();
+                self.work(&leased, &watch);
+                *lock(&self.last_unit) = Instant::now();
+                continue;
+            }
+            let waited = lock(&self.last_unit).elapsed();
+            if self.options.idle.is_some_and(|idle| waited >= idle) && lock(&self.active).is_empty() {
+                self.drain();
             }
         }
     }
 
-    /// Does what a lease asks for, whatever happens.
-    fn work(&self, lease: Arc<dyn Lease>) {
-        let unit = lease.unit();
-        let (id, worker) = (unit.id.clone(), self.options.name.clone());
-        let priority = Priority::ALL.into_iter().find(|priority| priority.name() == unit.priority);
-        let watch = Arc::new(UnitWatch::new(priority.unwrap_or(Priority::Normal)));
-        let active = Active { lease: Arc::clone(&lease), watch: Arc::clone(&watch) };
-        lock(&self.active).insert(id.clone(), active);
-        let start = Ask::Start(id.clone(), worker, lease.deliveries());
-        match self.persist(&watch, || self.bus.ask(start.clone())) {
-            Some(Answer::Start(Start::Go)) => self.render(&*lease, &watch),
-            Some(Answer::Start(Start::Skip)) => lease.done(),
-            Some(Answer::Start(Start::Refused(why))) => {
-                lease.give_back(Duration::ZERO);
-                self.refuse(why);
-            }
-            _ => lease.give_back(Duration::from_secs(1)),
+    /// Asks for a unit. If there is none, waits until there may be some.
+    fn lease(&self) -> Option<(Box<Leased>, Arc<UnitWatch>)> {
+        let _turn = lock(&self.asking);
+        if self.is_draining.load(Relaxed) {
+            return None;
         }
+        let rings = self.bus.bell().rings();
+        let have = lock(&self.active).keys().cloned().collect();
+        let mut pause = LEASE_PATIENCE;
+        match self.bus.ask(Ask::Lease(Wanted { session: self.session, have })) {
+            Ok(Answer::Granted(Granted::Unit(leased))) => {
+                let unit = &leased.unit;
+                let priority = Priority::ALL.into_iter().find(|priority| priority.name() == unit.priority);
+                let watch = Arc::new(UnitWatch::new(priority.unwrap_or(Priority::Normal)));
+                let active = Active { token: leased.token.clone(), watch: Arc::clone(&watch) };
+                lock(&self.active).insert(unit.id.clone(), active);
+                return Some((leased, watch));
+            }
+            Ok(Answer::Granted(Granted::None)) => {}
+            Ok(Answer::Granted(Granted::Rests(why))) => {
+                let mut last = lock(&self.rests);
+                if *last != why {
+                    log::warn!("the coordinator gives no units: {why}");
+                    *last = why;
+                }
+                pause = REST;
+            }
+            Ok(Answer::Granted(Granted::Refused(why))) => self.refuse(why),
+            Ok(Answer::Granted(Granted::Unknown)) => {
+                self.join().unwrap_or_else(|why| self.refuse(why));
+                pause = Duration::ZERO;
+            }
+            other => {
+                log::debug!("no unit: {other:?}");
+                pause = FIRST_PAUSE;
+            }
+        }
+        self.bus.bell().wait(rings, pause);
+        None
+    }
+
+    /// Renders a unit, whatever happens.
+    fn work(&self, leased: &Leased, watch: &UnitWatch) {
+        self.render(leased, watch);
         self.rays.fetch_add(watch.rays(), Relaxed);
-        lock(&self.active).remove(&id);
+        lock(&self.active).remove(&leased.unit.id);
         if watch.is_stopped_now() {
             self.has_stopped.store(true, Relaxed);
         }
     }
 
-    fn render(&self, lease: &dyn Lease, watch: &UnitWatch) {
-        let (unit, began) = (lease.unit(), Instant::now());
-        let rendered = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.patch(unit, watch)));
-        let rendered =
-            rendered.unwrap_or_else(|_| Err(Failed::Unit("it panicked; see the worker's log".into())));
+    /// Lets someone else have a unit.
+    fn give_back(&self, held: Held) {
+        // If that is lost, its lease ends a little later.
+        if let Err(error) = self.bus.ask(Ask::GiveBack(held)) {
+            log::debug!("{error}");
+        }
+    }
+
+    fn render(&self, Leased { unit, token }: &Leased, watch: &UnitWatch) {
+        let held = || Held { unit: unit.id.clone(), token: token.clone() };
+        let rendered = match self.options.mischief {
+            Some(Mischief::Spoil) => Err(Failed::Unit("it is broken".into())),
+            Some(Mischief::Return) => return self.give_back(held()),
+            Some(Mischief::Hoard) => return self.hoard(watch),
+            Some(Mischief::Lie) | None => self.try_patch(unit, watch),
+        };
         if watch.is_stopped_now() {
             // Someone else renders it, or no one wants it.
-            return if self.is_ending.load(Relaxed) { lease.give_back(Duration::ZERO) } else { lease.done() };
+            return if self.is_ending.load(Relaxed) {
+                self.give_back(held())
+            };
         }
         match rendered {
-            Ok(Rendered { identity, patch, opening_s }) => {
+            Ok((Rendered { identity, patch, opening_s }, seconds)) => {
                 failpoint::pass("unit-rendered");
-                let (seconds, mut sums) = (began.elapsed().as_secs_f64(), patch.into_sums());
-                if self.options.corrupt && sums.len() > CORRUPT {
+                let mut sums = patch.into_sums();
+                if self.options.mischief == Some(Mischief::Lie) && sums.len() > CORRUPT {
                     sums[CORRUPT] ^= 1;
                 }
-                let (digest, sums) = (hex(&Sha256::digest(&sums)), Arc::new(sums));
-                let (unit, worker) = (unit.id.clone(), self.options.name.clone());
-                let finished = FinishedUnit { unit, worker, identity, digest, seconds, opening_s, sums };
-                self.send(lease, watch, finished);
+                let (blocks, samples) = (unit.blocks.clone(), unit.samples.clone());
+                let digest = digest(&unit.id, &blocks, &samples, &sums);
+                let (held, sums) = (held(), Arc::new(sums));
+                let finished =
+                    FinishedUnit { held, identity, blocks, samples, digest, seconds, opening_s, sums };
+                self.send(unit, watch, finished);
             }
             Err(Failed::GiveBack(why)) => {
-                log::warn!("unit {}: {why}; another try is in 2 s", unit.id);
-                lease.give_back(Duration::from_secs(2));
+                log::warn!("unit {}: {why}; it is given back", unit.id);
+                self.give_back(held());
+                std::thread::sleep(REST);
             }
             Err(Failed::Unit(error)) => {
                 log::warn!("unit {}: {error}", unit.id);
-                let (worker, unit) = (self.options.name.clone(), unit.id.clone());
-                let failure = Ask::Failure(FailureReport { unit, worker, error });
-                match self.persist(watch, || self.bus.ask(failure.clone())) {
-                    Some(_) => lease.done(),
-                    None => lease.give_back(Duration::from_secs(1)),
+                let failure = Ask::Failure(FailureReport { held: held(), error });
+                if self.persist(watch, || self.bus.ask(failure.clone())).is_none() {
+                    self.give_back(held());
                 }
             }
         }
     }
 
+    /// Renders a unit; a panic is a failure. Returns the seconds that it has taken, too.
+    fn try_patch(&self, unit: &Unit, watch: &UnitWatch) -> Result<(Rendered, f64), Failed> {
+        let began = Instant::now();
+        unit.check().map_err(Failed::Unit)?;
+        let rendered = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.patch(unit, watch)));
+        let panicked = |_| Err(Failed::Unit("it panicked; see the worker's log".into()));
+        let rendered = rendered.unwrap_or_else(panicked)?;
+        Ok((rendered, began.elapsed().as_secs_f64()))
+    }
+
+    /// Does nothing with a unit, for tests.
+    fn hoard(&self, watch: &UnitWatch) {
+        let began = Instant::now();
+        while began.elapsed() < HOARD && !watch.is_stopped_now() && !self.is_draining.load(Relaxed) {
+            std::thread::sleep(FIRST_PAUSE);
+        }
+    }
+
     /// Sends a film until the coordinator has it on its disk. Only then does the lease end.
-    fn send(&self, lease: &dyn Lease, watch: &UnitWatch, result: FinishedUnit) {
-        let id = result.unit.clone();
+    fn send(&self, unit: &Unit, watch: &UnitWatch, result: FinishedUnit) {
+        let held = result.held.clone();
         let ask = Ask::Result(result);
         let answer = self.persist(watch, || match self.bus.ask(ask.clone())? {
             Answer::Verdict(Verdict::Later) => Err(BusError::Refused("its disk or ledger refuses".into())),
@@ -398,12 +483,24 @@ impl Worker {
         });
         failpoint::pass("result-sent");
         match answer {
-            Some(Answer::Verdict(Verdict::Refused(why))) => {
-                log::warn!("unit {id}: the coordinator refuses it: {why}");
-                lease.done();
+            Some(Answer::Verdict(Verdict::Anew(why))) => {
+                log::warn!("unit {}: the coordinator refuses it: {why}; the scene is fetched anew", unit.id);
+                self.discard(&unit.scene);
             }
-            Some(_) => lease.done(),
-            None => lease.give_back(Duration::from_secs(1)),
+            Some(Answer::Verdict(Verdict::Refused(why))) => {
+                log::warn!("unit {}: the coordinator refuses it: {why}", unit.id);
+            }
+            Some(_) => {}
+            None => self.give_back(held),
+        }
+    }
+
+    /// Forgets a scene, on the disk and in memory.
+    fn discard(&self, scene: &str) {
+        lock(&self.ready).retain(|(key, _)| !key.starts_with(scene));
+        if let Some(folder) = self.scenes.folder(scene) {
+            self.scenes.discard(scene);
+            self.reader.forget(&folder);
         }
     }
 

@@ -3,7 +3,8 @@
 use super::auth::COOKIE;
 use super::{Problem, State};
 use axum::extract::{ConnectInfo, MatchedPath, Request, State as Given};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
@@ -24,7 +25,7 @@ const HEADERS: [(&str, &str); 5] = [
 pub async fn origin(Given(state): Given<State>, request: Request, next: Next) -> Response {
     let (began, method) = (Instant::now(), request.method().clone());
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
-    let mut response = match check_names(&state, request.headers()) {
+    let mut response = match check_names(&state, request.uri(), request.headers()) {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     };
@@ -92,11 +93,8 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 }
 
 /// Compares host and origin. A name that resolves to this machine is no permission: pages of others can have one.
-fn check_names(state: &State, headers: &HeaderMap) -> Result<(), Problem> {
-    let host = text(headers, header::HOST).ok_or_else(|| Problem::malformed("there is no Host header"))?;
-    if headers.get_all(header::HOST).iter().count() > 1 {
-        return Err(Problem::malformed("there are several Host headers"));
-    }
+fn check_names(state: &State, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    let host = host(uri, headers)?;
     let name = host_name(host);
     let is_known = name == "localhost"
         || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()
@@ -117,6 +115,22 @@ fn check_names(state: &State, headers: &HeaderMap) -> Result<(), Problem> {
         }
     }
     Ok(())
+}
+
+/// The host that a request names: HTTP/2 has it in the address (`:authority`), HTTP/1.1 in a header. Where both stand,
+/// they are the same.
+fn host<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Result<&'a str, Problem> {
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Err(Problem::malformed("there are several Host headers"));
+    }
+    let of_address = uri.authority().map(Authority::as_str);
+    match (of_address, text(headers, header::HOST)) {
+        (Some(address), Some(header)) if !address.eq_ignore_ascii_case(header) => {
+            Err(Problem::malformed("the address and the Host header name different hosts"))
+        }
+        (Some(host), _) | (None, Some(host)) => Ok(host),
+        (None, None) => Err(Problem::malformed("there is no Host header")),
+    }
 }
 
 /// The name of a host without its port.

@@ -31,6 +31,12 @@ impl LoadedScenes {
         Self { folder, uploads, most_bytes, program: program() }
     }
 
+    /// The folder of the files in a data folder.
+    #[cfg(feature = "farm")]
+    pub fn folder(data: &Path) -> PathBuf {
+        data.join(FOLDER)
+    }
+
     /// The file of a scene, which may not be there yet. `None` if the scene has no lasting name.
     pub fn path(&self, spec: &RenderSpec, folder: &Path) -> Option<PathBuf> {
         if folder.parent()? != self.uploads {

@@ -56,6 +56,7 @@ const ROUTES: &[Route] = &[
         None,
     ),
     Route("get", "/api/v1/workers", "Who renders, how fast, and what each has done", &[200], JSON, None),
+    Route("post", "/api/v1/workers/{key}/trust", "Let a worker take units again", &[200], JSON, None),
     Route("get", "/api/v1/events", "Events of all jobs as they happen", &[200], "text/event-stream", None),
     Route("get", "/api/v1/live", "A live view on a WebSocket", &[101], JSON, None),
     Route(

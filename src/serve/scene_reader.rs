@@ -47,6 +47,13 @@ impl SceneReader {
         self.backend.service()
     }
 
+    /// Lets go of what was read from a folder: its files may have been others.
+    pub fn forget(&self, folder: &Path) {
+        let start = format!("{}/", folder.display());
+        self.tries.lock().passed.retain(|key| !key.starts_with(&start));
+        self.backend.forget(folder);
+    }
+
     /// Reads the scene of a job whose spec has been checked, or finds it in the cache. `folder` has its files.
     ///
     /// # Errors

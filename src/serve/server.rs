@@ -1,6 +1,6 @@
 //! Listens, and ends in an orderly way.
 
-use super::auth::Auth;
+use super::auth::{Auth, Secret};
 use super::connections::{Admission, Connections, room_for};
 use super::ledger::{Ledger, LedgerError};
 use super::limits::Limits;
@@ -8,7 +8,7 @@ use super::own_scene::{KeptScene, OwnScene};
 use super::runner::{FarmOptions, Runner};
 use super::state::{Inner, State};
 use super::store::Store;
-use super::{RenderBackend, api, webhook};
+use super::{RenderBackend, api, roots, webhook};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
@@ -21,6 +21,10 @@ use tokio::sync::{Semaphore, watch};
 
 /// Requests that have begun get this long to end.
 const GRACE: Duration = Duration::from_secs(5);
+
+/// Requests at the same time on one connection of HTTP/2, and bytes of their headers.
+const STREAMS: u32 = 128;
+const HEAD_BYTES: u32 = 64 << 10;
 
 /// How often measured times are summed up.
 const DIGEST: Duration = Duration::from_secs(5);
@@ -45,6 +49,8 @@ pub struct Options {
     pub tls: Option<Tls>,
     /// Whether an address of other machines is allowed without encryption.
     pub insecure: bool,
+    /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
+    pub ca: Option<PathBuf>,
     /// Whether programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
@@ -121,7 +127,7 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, open_to_drake, names, limits, scene, farm } = options;
+    let Options { listen, data, tls, insecure, ca, open_to_drake, names, limits, scene, farm } = options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -132,6 +138,7 @@ pub fn run(
     make_private(&data).map_err(failed(&data))?;
     let _lock = lock(&data)?;
     let auth = Auth::open(&data).map_err(failed(&data))?;
+    let secret = Secret::open(&data).map_err(failed(&data))?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
@@ -139,7 +146,8 @@ pub fn run(
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
-    let runner = Runner::start(Arc::clone(&ledger), Arc::clone(&store), Arc::clone(&backend), limits, farm)?;
+    let kept = (Arc::clone(&ledger), Arc::clone(&store), secret);
+    let runner = Runner::start(kept, Arc::clone(&backend), limits, farm)?;
     let state = State::new(Inner {
         auth,
         limits,
@@ -162,7 +170,7 @@ pub fn run(
         .enable_io()
         .enable_time()
         .build()?;
-    let _calls = webhook::start(state.clone())?;
+    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?)?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
@@ -200,7 +208,11 @@ async fn serve(
         }
     };
     let mut server = axum_server::from_tcp(listener)?.handle(handle).first_request_timeout(head_time);
-    server.http_builder().http1().header_read_timeout(head_time);
+    let http = server.http_builder();
+    http.http1().header_read_timeout(head_time);
+    // Whoever answers no ping in time has gone.
+    http.http2().keep_alive_interval(head_time).keep_alive_timeout(head_time);
+    http.http2().max_concurrent_streams(STREAMS).max_header_list_size(HEAD_BYTES);
     listening(address);
     match acceptor {
         None => server.acceptor(admission).serve(app).await?,

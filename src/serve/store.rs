@@ -246,13 +246,22 @@ fn scene_files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     Ok(())
 }
 
+/// Whether a text is a SHA-256 in lower-case hexadecimal digits. No other text becomes a name of a folder.
+pub fn is_sha256(text: &str) -> bool {
+    text.len() == 64 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+}
+
 /// The path of a name in a folder, unless it leads out of it.
 pub fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
-    let name = name.replace('\\', "/");
-    let name = Path::new(&name);
+    entry_name(name).map(|name| folder.join(name))
+}
+
+/// A name of a file in any folder, unless it leads out of it.
+pub fn entry_name(name: &str) -> Option<PathBuf> {
+    let name = PathBuf::from(name.replace('\\', "/"));
     let is_plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     let is_inside = name.components().next().is_some() && name.components().all(is_plain);
-    is_inside.then(|| folder.join(name))
+    is_inside.then_some(name)
 }
 
 /// Writes the files of a zip archive into a folder. Bytes are counted as they are decompressed.

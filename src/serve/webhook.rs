@@ -8,6 +8,7 @@ use serde_json::json;
 use std::io;
 use std::thread::JoinHandle;
 use std::time::Duration;
+use ureq::tls::TlsConfig;
 
 /// The header of the signature: `sha256=` and HMAC-SHA-256 of the body in hexadecimal digits.
 const SIGNATURE: &str = "X-Raystream-Signature";
@@ -22,12 +23,13 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const MOST_CALLS: u32 = 12;
 
 /// Starts the thread that calls. It ends with the service.
-pub fn start(state: State) -> io::Result<JoinHandle<()>> {
+pub fn start(state: State, tls: TlsConfig) -> io::Result<JoinHandle<()>> {
     std::thread::Builder::new().name("webhooks".into()).spawn(move || {
         let agent = ureq::Agent::config_builder()
             .timeout_global(Some(PATIENCE))
             // Whoever is named gets the call; it leads nowhere else.
             .max_redirects(0)
+            .tls_config(tls)
             .build()
             .new_agent();
         while !*state.ending().borrow() {

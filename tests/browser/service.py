@@ -1,10 +1,12 @@
-"""Runs raystream's service in a temporary folder, and pages of it in headless Chromium."""
+"""Runs raystream's service in a temporary folder, and pages of it in headless Chromium; over TLS, where pages speak
+HTTP/2, if RAYSTREAM_TLS is set."""
 
 import json
 import os
 import pathlib
 import shutil
 import socket
+import ssl
 import struct
 import subprocess
 import tempfile
@@ -18,6 +20,7 @@ from playwright.sync_api import sync_playwright
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("RAYSTREAM", ROOT / "target" / "release" / "raystream")
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+TLS = bool(os.environ.get("RAYSTREAM_TLS"))
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
          "--disable-component-update", "--disable-sync"]
 
@@ -64,14 +67,30 @@ class Service:
 
     def __init__(self, folder, *options):
         self.folder, self.options = folder, options
+        if TLS:
+            self.options += self.certificate()
         self.port = free_port()
         self.scene = folder / "scene.json"
         self.scene.write_text(json.dumps(SCENE))
         self.process = None
 
+    def certificate(self):
+        """Makes a certificate; the options that name it."""
+        files = self.folder / "certificate.pem", self.folder / "key.pem"
+        made = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
+                "-days", "1", "-subj", "/CN=raystream", "-addext", "subjectAltName=IP:127.0.0.1", "-out", files[0],
+                "-keyout", files[1]]
+        subprocess.run(made, check=True, capture_output=True)
+        return "--tls-certificate", files[0], "--tls-key", files[1]
+
     @property
     def url(self):
-        return f"http://127.0.0.1:{self.port}/"
+        return f"{'https' if TLS else 'http'}://127.0.0.1:{self.port}/"
+
+    def open(self, path):
+        """Requests an address of the service; the answer."""
+        trusts = ssl.create_default_context(cafile=self.folder / "certificate.pem") if TLS else None
+        return urllib.request.urlopen(self.url + path, timeout=5, context=trusts)
 
     @property
     def token(self):
@@ -85,7 +104,7 @@ class Service:
         until = time.monotonic() + 60
         while time.monotonic() < until:
             try:
-                urllib.request.urlopen(self.url + "healthz", timeout=5).close()
+                self.open("healthz").close()
                 return
             except (urllib.error.URLError, ConnectionError):
                 if self.process.poll() is not None:
@@ -120,7 +139,9 @@ class Case(unittest.TestCase):
 
     def page(self, *, token=None, width=1280, height=800, **options):
         """A page of a new profile, logged in with the token unless another one is given."""
-        context = self.browser.new_context(viewport={"width": width, "height": height}, **options)
+        # The system does not know who has signed the certificate.
+        context = self.browser.new_context(viewport={"width": width, "height": height}, ignore_https_errors=TLS,
+                                           **options)
         self.addCleanup(context.close)
         page = context.new_page()
         self.errors = []

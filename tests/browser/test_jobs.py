@@ -16,6 +16,11 @@ class Jobs(service.Case):
         file = {"name": name, "mimeType": "model/gltf-binary", "buffer": content}
         page.get_by_test_id("file").set_input_files(files=[file])
 
+    def test_pages_speak_the_protocol_that_they_should(self):
+        page = self.jobs()
+        protocol = page.evaluate("performance.getEntriesByType('navigation')[0].nextHopProtocol")
+        self.assertEqual(protocol, "h2" if service.TLS else "http/1.1")
+
     def test_an_upload_is_rendered(self):
         page = self.jobs()
         self.give(page, "triangle.glb", service.triangle_glb())

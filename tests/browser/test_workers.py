@@ -13,8 +13,9 @@ class Workers(service.Case):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        nats = re.search(r"--nats (\S+)", (cls.folder / "log").read_text())[1]
-        command = [service.PROGRAM, "worker", "--nats", nats, "--name", "helper", "--threads", "1", "--tracer", "cpu"]
+        nats, keys = re.search(r"--nats (\S+) --nats-key (\S+)", (cls.folder / "log").read_text()).groups()
+        command = [service.PROGRAM, "worker", "--nats", nats, "--nats-key", keys, "--name", "helper", "--threads", "1"]
+        command += ["--tracer", "cpu"]
         command += ["--cache", cls.folder / "cache"]
         log = cls.enterClassContext(open(cls.folder / "worker.log", "wb"))
         cls.worker = subprocess.Popen(list(map(str, command)), stdout=log, stderr=log)

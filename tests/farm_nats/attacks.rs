@@ -1,10 +1,10 @@
-//! What a stolen key of a worker can do: nothing but what a worker does.
+//! What a stolen key of a worker can do on the bus: speak for itself, and hear what is meant for it.
 
 use crate::secured::Farm;
-use crate::{folder, shipped, still};
+use crate::{Nats, coordinator, folder, shipped, still};
 use async_nats::client::Request;
-use async_nats::jetstream::{self, stream::Info};
 use async_nats::{Client, ConnectOptions, Event, Subscriber};
+use futures_util::StreamExt;
 use nkeys::KeyPair;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -12,15 +12,16 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 
-const STREAM: &str = "RAYSTREAM_WORK";
-
 /// A connection with the key of a process of a farm.
-struct Thief {
+pub struct Thief {
     client: Client,
     /// What the server has refused.
     refused: Arc<Mutex<Vec<String>>>,
     inbox: String,
     key: String,
+    /// Where answers to what it says come in, and how much it has said.
+    answers: Subscriber,
+    said: u64,
 }
 
 fn seed(folder: &Path) -> String {
@@ -32,7 +33,7 @@ fn public_key(folder: &Path) -> String {
 }
 
 impl Thief {
-    async fn new(url: &str, folder: &Path) -> Self {
+    pub async fn new(url: &str, folder: &Path) -> Self {
         let refused = Arc::new(Mutex::new(Vec::new()));
         let (key, list) = (public_key(folder), Arc::clone(&refused));
         let inbox = format!("_INBOX.{key}");
@@ -49,7 +50,50 @@ impl Thief {
                 }
             });
         let client = options.connect(url).await.expect("a connection");
-        Self { client, refused, inbox, key }
+        let answers = client.subscribe(format!("{inbox}.answers.*")).await.expect("its own inbox");
+        Self { client, refused, inbox, key, answers, said: 0 }
+    }
+
+    /// Asks the coordinator, and returns what answers come until there are none for a while.
+    pub async fn ask_all(&mut self, kind: &str, messages: Vec<Vec<u8>>, quiet: Duration) -> Vec<Vec<u8>> {
+        let (count, mut answers) = (messages.len(), Vec::new());
+        for message in messages {
+            let to = format!("{}.answers.{}", self.inbox, self.said);
+            self.said += 1;
+            let subject = format!("raystream.ask.{kind}.{}", self.key);
+            self.client.publish_with_reply(subject, to, message.into()).await.expect("it is sent");
+        }
+        self.client.flush().await.expect("all is sent");
+        while answers.len() < count
+            && let Ok(Some(answer)) = tokio::time::timeout(quiet, self.answers.next()).await
+        {
+            answers.push(answer.payload.to_vec());
+        }
+        answers
+    }
+
+    /// Joins as a worker may, and waits for a unit. Returns it with its token.
+    pub async fn lease(&mut self) -> Value {
+        let build = serde_json::to_value(raystream::farm::Build::own()).expect("JSON");
+        let card = json!({
+            "worker": "thief", "host": "h", "build": build, "session": 1, "slots": 2, "units": "CPU",
+            "is_live": false,
+        });
+        let wait = Duration::from_secs(2);
+        let began = Instant::now();
+        self.ask_all("join", vec![question(&json!({ "Join": card }))], wait).await;
+        loop {
+            assert!(began.elapsed() < Duration::from_secs(60), "there is no unit");
+            let wanted = question(&json!({ "Lease": { "session": 1, "have": [] } }));
+            let answers = self.ask_all("lease", vec![wanted], wait).await;
+            let Some(answer) = answers.first() else { continue };
+            let answer: Value = serde_json::from_slice(&answer[4..]).expect("JSON");
+            let leased = &answer["Answer"]["Granted"]["Unit"];
+            if leased.is_object() {
+                return leased.clone();
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
     }
 
     /// Waits until the server has refused something.
@@ -78,16 +122,6 @@ impl Thief {
         let published = self.client.publish_with_reply(subject.to_owned(), answer_to.to_owned(), payload);
         published.await.expect("it is sent");
     }
-
-    /// Leases a unit; returns the subject of its acknowledgement.
-    async fn lease(&self) -> String {
-        let next = format!("$JS.API.CONSUMER.MSG.NEXT.{STREAM}.lo");
-        let wanted = json!({ "batch": 1, "no_wait": true }).to_string();
-        let request = Request::new().payload(wanted.into()).inbox(self.client.new_inbox());
-        let leased = self.client.send_request(next, request).await.expect("an answer");
-        assert_eq!(leased.status, None, "there is a unit");
-        leased.reply.expect("where to acknowledge it").to_string()
-    }
 }
 
 /// A question of a worker, as bytes.
@@ -96,35 +130,25 @@ fn question(ask: &Value) -> Vec<u8> {
     [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
 }
 
-/// The queue, as the coordinator sees it, and its number of units.
-async fn queue(client: &Client) -> (Info, u64) {
-    let mut stream = jetstream::new(client.clone()).get_stream(STREAM).await.expect("the queue is there");
-    let info = stream.info().await.expect("the queue is there").clone();
-    (info.clone(), info.state.messages)
-}
-
 /// Everything that a worker has no business with, each refused by name.
 async fn try_what_is_not_allowed(thief: &Thief, key_of_other: &str) -> Vec<Subscriber> {
     let other = format!("_INBOX.{key_of_other}");
     let api = |what: &str| format!("$JS.API.{what}");
     for subject in [
-        "raystream.work.lo.job.0.0.0.0".into(),
-        api(&format!("STREAM.DELETE.{STREAM}")),
-        api(&format!("STREAM.PURGE.{STREAM}")),
-        api(&format!("STREAM.UPDATE.{STREAM}")),
-        api(&format!("STREAM.INFO.{STREAM}")),
-        api(&format!("STREAM.SNAPSHOT.{STREAM}")),
-        api(&format!("STREAM.MSG.GET.{STREAM}")),
-        api(&format!("STREAM.MSG.DELETE.{STREAM}")),
+        // To ask as another worker, or as an older one without a key.
+        format!("raystream.ask.join.{key_of_other}"),
+        format!("raystream.ask.result.{key_of_other}"),
+        format!("raystream.ask.failure.{key_of_other}"),
+        format!("raystream.ask.leave.{key_of_other}"),
+        "raystream.ask.join".into(),
+        format!("raystream.ask.join.{}.more", thief.key),
+        // To wake all workers again and again.
+        "raystream.bell".into(),
         api("STREAM.CREATE.MINE"),
-        api(&format!("CONSUMER.DELETE.{STREAM}.lo")),
-        api(&format!("CONSUMER.INFO.{STREAM}.lo")),
-        api(&format!("CONSUMER.DURABLE.CREATE.{STREAM}.mine")),
-        api(&format!("CONSUMER.MSG.NEXT.{STREAM}.mine")),
         api("ACCOUNT.PURGE.COORDINATOR"),
         api("INFO"),
         "$SYS.REQ.SERVER.PING".into(),
-        "raystream.ask.anything".into(),
+        "raystream.anything".into(),
         // To ask another worker, or itself, for a tile.
         format!("raystream.live.{key_of_other}"),
         format!("raystream.live.{}", thief.key),
@@ -137,9 +161,9 @@ async fn try_what_is_not_allowed(thief: &Thief, key_of_other: &str) -> Vec<Subsc
     for subject in [
         ">",
         "raystream.>",
-        "raystream.ask.*",
-        "raystream.ask.result",
-        "raystream.work.>",
+        "raystream.ask.*.*",
+        &format!("raystream.ask.result.{key_of_other}"),
+        &format!("raystream.ask.result.{}", thief.key),
         "_INBOX.>",
         &format!("{other}.>"),
         // What another worker is asked.
@@ -155,74 +179,48 @@ async fn try_what_is_not_allowed(thief: &Thief, key_of_other: &str) -> Vec<Subsc
 }
 
 /// What a worker may ask, with answers to subjects at which they would do harm.
-async fn have_others_do_it(thief: &Thief) {
-    let leased = thief.lease().await;
+async fn have_others_do_it(thief: &Thief, key_of_other: &str) {
     for target in [
-        format!("$JS.API.STREAM.DELETE.{STREAM}"),
-        format!("$JS.API.STREAM.PURGE.{STREAM}"),
-        format!("$JS.API.CONSUMER.DELETE.{STREAM}.lo"),
-        "$JS.API.ACCOUNT.PURGE.COORDINATOR".into(),
-        "raystream.work.lo.job.0.0.0.9".into(),
+        "raystream.bell".into(),
+        format!("raystream.ask.leave.{key_of_other}"),
+        format!("raystream.live.{key_of_other}"),
+        format!("_INBOX.{key_of_other}.1"),
     ] {
-        for kind in ["join", "report", "start", "files", "file", "result", "failure"] {
-            thief.publish(&format!("raystream.ask.{kind}"), &target, "").await;
+        for kind in ["join", "report", "lease", "back", "files", "file", "result", "failure"] {
+            thief.publish(&format!("raystream.ask.{kind}.{}", thief.key), &target, "").await;
         }
-        let asked = question(&json!({ "Leave": "a worker that is none" }));
-        let published = thief.client.publish_with_reply("raystream.ask.leave", target.clone(), asked.into());
+        let asked = question(&json!("Leave"));
+        let subject = format!("raystream.ask.leave.{}", thief.key);
+        let published = thief.client.publish_with_reply(subject, target, asked.into());
         published.await.expect("it is sent");
-        // Answered without content, as a deletion is to be asked for.
-        thief.publish(&leased, &target, "+WPI").await;
-        let none = json!({ "batch": 1, "no_wait": true }).to_string();
-        thief.publish(&format!("$JS.API.CONSUMER.MSG.NEXT.{STREAM}.hi"), &target, &none).await;
     }
-    thief.publish(&leased, &format!("$JS.API.STREAM.DELETE.{STREAM}"), "+ACK").await;
-    let leased = thief.lease().await;
-    thief.publish(&leased, "raystream.work.lo.job.0.0.0.8", "+NXT").await;
     thief.client.flush().await.expect("all is sent");
-    // Longer than a server and a coordinator take to answer.
-    tokio::time::sleep(Duration::from_millis(500)).await;
 }
 
 #[test]
-fn a_stolen_key_gives_no_work_reads_no_results_and_deletes_nothing() {
+fn a_stolen_key_speaks_for_no_other_and_reads_nothing() {
     let (job, hash) = still();
     let (farm, data) = (Farm::new(2), folder());
     let service = farm.coordinator(data.path());
     let runtime = Runtime::new().expect("threads");
-    let (coordinator, thief, mut listening) = runtime.block_on(async {
-        let coordinator = Thief::new(&farm.url, &farm.of("coordinator")).await;
-        for number in 0..4 {
-            let subject = format!("raystream.work.lo.job.0.0.{number}.0");
-            let context = jetstream::new(coordinator.client.clone());
-            context
-                .publish(subject, "no unit".into())
-                .await
-                .expect("sent")
-                .await
-                .expect("it is in the queue");
-        }
+    let (thief, mut listening) = runtime.block_on(async {
         let thief = Thief::new(&farm.url, &farm.of("workers/worker-1")).await;
         let other = public_key(&farm.of("workers/worker-2"));
         let listening = try_what_is_not_allowed(&thief, &other).await;
-        (coordinator.client, thief, listening)
+        have_others_do_it(&thief, &other).await;
+        (thief, listening)
     });
-    let (before, units) = runtime.block_on(queue(&coordinator));
-    assert_eq!(units, 4);
-    runtime.block_on(have_others_do_it(&thief));
-    let (after, units) = runtime.block_on(queue(&coordinator));
-    assert_eq!((after.created, after.state.consumer_count), (before.created, 2));
-    assert_eq!(units, 2, "the thief has leased two units and ended both, as a worker may");
-    assert!(thief.client.server_info().client_id > 0, "{}", thief.inbox);
-
     // It listens while another worker renders.
     let _worker = farm.worker("worker-2");
     let scene = service.upload_file(&shipped("cornell.json"));
     let id = service.submit(&scene, &job);
     assert_eq!(service.hashes(&id), [hash]);
+    let workers = service.get("/api/v1/workers").json();
+    assert_eq!(workers["workers"].as_array().map(Vec::len), Some(1), "no one has made it leave: {workers}");
+    assert!(thief.client.server_info().client_id > 0, "{}", thief.inbox);
     for subscriber in &mut listening {
-        let heard = runtime.block_on(async {
-            tokio::time::timeout(Duration::from_millis(10), futures_util::StreamExt::next(subscriber)).await
-        });
+        let heard = runtime
+            .block_on(async { tokio::time::timeout(Duration::from_millis(10), subscriber.next()).await });
         assert!(!matches!(heard, Ok(Some(_))), "{heard:?}");
     }
 }
@@ -250,18 +248,16 @@ fn a_worker_that_is_asked_for_a_tile_answers_once_and_only_there() {
             }
         };
         let answer = async {
-            let message = futures_util::StreamExt::next(&mut asked).await.expect("a question");
+            let message = asked.next().await.expect("a question");
             let to = message.reply.expect("where the answer goes").to_string();
             // An answer to the answer would do harm in the coordinator's account. The subject means nothing here.
-            thief.publish(&to, &format!("$JS.API.STREAM.DELETE.{STREAM}"), "answer").await;
+            thief.publish(&to, "raystream.ask.join.x", "answer").await;
             thief.client.flush().await.expect("it is sent");
             to
         };
         let (answered, to) = tokio::join!(question, answer);
         assert_eq!(answered.payload, "answer");
         thief.may_not_publish(&to).await;
-        let (_, units) = queue(&coordinator.client).await;
-        assert_eq!(units, 0, "the queue is there");
     });
     drop(service);
 }
@@ -273,9 +269,13 @@ fn a_worker_of_another_version_is_refused_by_name() {
     let runtime = Runtime::new().expect("threads");
     let thief = runtime.block_on(Thief::new(&farm.url, &farm.of("workers/worker-1")));
     let join = |build: &Value| -> Value {
-        let card = json!({ "worker": "stranger", "host": "h", "build": build, "slots": 1, "units": "CPU" });
+        let card = json!({
+            "worker": "stranger", "host": "h", "build": build, "session": 1, "slots": 1, "units": "CPU",
+            "is_live": false,
+        });
         let asked = question(&json!({ "Join": card }));
-        let answer = runtime.block_on(thief.client.request("raystream.ask.join", asked.into()));
+        let subject = format!("raystream.ask.join.{}", thief.key);
+        let answer = runtime.block_on(thief.client.request(subject, asked.into()));
         serde_json::from_slice(&answer.expect("an answer").payload[4..]).expect("JSON")
     };
     let own = serde_json::to_value(raystream::farm::Build::own()).expect("JSON");
@@ -291,5 +291,27 @@ fn a_worker_of_another_version_is_refused_by_name() {
     assert!(
         join(&without)["Answer"]["Welcome"]["Refused"].as_str().is_some_and(|told| told.contains("none"))
     );
+    drop(service);
+}
+
+#[test]
+fn a_worker_of_before_keys_is_told_that_it_is_older() {
+    let (nats, data) = (Nats::start(), folder());
+    let service = coordinator(data.path(), &nats.url(), &[]);
+    let runtime = Runtime::new().expect("threads");
+    let told: Value = runtime.block_on(async {
+        let client = async_nats::connect(nats.url()).await.expect("a connection");
+        let asked =
+            question(&json!({ "Join": { "worker": "old", "host": "h", "slots": 1, "units": "CPU" } }));
+        let began = Instant::now();
+        loop {
+            match client.request("raystream.ask.join", asked.clone().into()).await {
+                Ok(answer) => return serde_json::from_slice(&answer.payload[4..]).expect("JSON"),
+                Err(error) => assert!(began.elapsed() < Duration::from_secs(10), "no answer: {error}"),
+            }
+        }
+    });
+    let told = told["Answer"]["Welcome"]["Refused"].as_str().expect("a refusal").to_owned();
+    assert!(told.contains("is newer than this one"), "{told}");
     drop(service);
 }

@@ -140,9 +140,6 @@ impl Stage {
             }
             5 => {
                 self.nats.kill();
-                if after < 2 {
-                    self.nats.lose_store();
-                }
                 std::thread::sleep(moment / 3);
                 self.nats.restart();
             }

@@ -64,9 +64,8 @@ impl Drop for Process {
     }
 }
 
-/// A NATS server with a port and a store that outlive it.
+/// A NATS server with a port that outlives it.
 pub struct Nats {
-    folder: TempDir,
     port: u16,
     /// The folder of its settings, if it has some.
     settings: Option<PathBuf>,
@@ -90,7 +89,7 @@ impl Nats {
     }
 
     fn with(port: u16, settings: Option<PathBuf>) -> Self {
-        let mut own = Self { folder: tempfile::tempdir().expect("a folder"), port, settings, process: None };
+        let mut own = Self { port, settings, process: None };
         own.restart();
         own
     }
@@ -112,25 +111,16 @@ impl Nats {
         self.process.take().expect("it runs").kill();
     }
 
-    /// Deletes all that it keeps. It must not run.
-    pub fn lose_store(&self) {
-        std::fs::remove_dir_all(self.folder.path().join("store")).expect("a store");
-    }
-
     pub fn pause(&self, time: Duration) {
         self.process.as_ref().expect("it runs").pause(time);
     }
 
     /// Starts it again.
     pub fn restart(&mut self) {
-        let store = self.folder.path().join("store");
         let mut command = Command::new("nats-server");
         match &self.settings {
-            // As systemd tells a service where its state belongs.
-            Some(folder) => {
-                command.current_dir(folder).args(["-c", "nats.conf"]).env("STATE_DIRECTORY", store)
-            }
-            None => command.args(["-a", "127.0.0.1", "-js", "-p", &self.port.to_string(), "-sd"]).arg(store),
+            Some(folder) => command.current_dir(folder).args(["-c", "nats.conf"]),
+            None => command.args(["-a", "127.0.0.1", "-p", &self.port.to_string()]),
         };
         let child = command
             .stdin(Stdio::null())
@@ -156,7 +146,7 @@ impl Nats {
 pub struct Worker {
     pub process: Process,
     pub name: String,
-    _cache: TempDir,
+    pub cache: TempDir,
 }
 
 impl Worker {
@@ -172,8 +162,16 @@ impl Worker {
         Self::start_by(command, url, name, &[options, &["--insecure"]].concat())
     }
 
-    fn start_by(mut command: Command, url: &str, name: &str, options: &[&str]) -> Self {
-        let cache = tempfile::tempdir().expect("a folder");
+    /// One whose cache was another's before.
+    pub fn with_cache(cache: TempDir, url: &str, name: &str, options: &[&str]) -> Self {
+        Self::start_with(Command::new(env!("CARGO_BIN_EXE_raystream")), cache, url, name, options)
+    }
+
+    fn start_by(command: Command, url: &str, name: &str, options: &[&str]) -> Self {
+        Self::start_with(command, tempfile::tempdir().expect("a folder"), url, name, options)
+    }
+
+    fn start_with(mut command: Command, cache: TempDir, url: &str, name: &str, options: &[&str]) -> Self {
         let child = command
             .env("RUST_LOG", "error")
             .args(["worker", "--nats", url, "--name", name, "--tracer", "cpu", "--threads", "1", "--cache"])
@@ -183,7 +181,7 @@ impl Worker {
             .stderr(Stdio::null())
             .spawn()
             .expect("raystream starts");
-        Self { process: Process(child), name: name.into(), _cache: cache }
+        Self { process: Process(child), name: name.into(), cache }
     }
 
     /// So many workers.

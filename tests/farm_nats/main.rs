@@ -5,10 +5,13 @@
 
 mod attacks;
 mod chaos;
+mod damage;
 mod faults;
+mod hostile;
 mod links;
 mod live;
 mod machines;
+mod mischief;
 mod pictures;
 mod plan;
 mod relay;
@@ -22,6 +25,7 @@ use machines::{Nats, Worker};
 use serde_json::{Value, json};
 use service::{Service, folder, rendered, shipped};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// The size of all pictures here.
 const SIZE: &str = "24x16";
@@ -36,4 +40,20 @@ fn coordinator(data: &Path, url: &str, options: &[&str]) -> Service {
 fn still() -> (Value, String) {
     let options = ["--size", SIZE, "--spp", "16", "--seed", "7"];
     (json!({ "size": SIZE, "spp": 16, "seed": 7 }), rendered(&shipped("cornell.json"), &options))
+}
+
+/// A worker, once it is in a state.
+fn state_of(service: &Service, name: &str, state: &str) -> Value {
+    let began = Instant::now();
+    loop {
+        let shown = service.get("/api/v1/workers").json();
+        let workers = shown["workers"].as_array().expect("workers").clone();
+        if let Some(found) =
+            workers.into_iter().find(|worker| worker["name"] == name && worker["state"] == state)
+        {
+            return found;
+        }
+        assert!(began.elapsed() < Duration::from_secs(60), "{name} is not {state}: {shown}");
+        std::thread::sleep(Duration::from_millis(30));
+    }
 }

@@ -1,6 +1,7 @@
 //! Arguments of a coordinator and of its workers.
 
-use super::{FarmPlanArgs, UnitArgs};
+use super::{ClientArgs, FarmPlanArgs, UnitArgs};
+use crate::farm::Mischief;
 use crate::serve::Failpoint;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -8,10 +9,11 @@ use std::path::PathBuf;
 /// Where the NATS server is.
 #[derive(Debug, Args)]
 pub struct NatsArgs {
-    /// File with the seed of this process's key (nkey).
+    /// File with the seed of this process's key (nkey), or a folder of such files: the first one that no other process
+    /// uses.
     #[arg(long, value_name = "FILE")]
     pub nats_key: Option<PathBuf>,
-    /// Certificate of the authority that has signed the server's, as a PEM file.
+    /// Certificate of the authority that has signed the server's, as a PEM file [default: the system's].
     #[arg(long, value_name = "FILE")]
     pub nats_ca: Option<PathBuf>,
     /// Name of the farm: one for each coordinator of a server.
@@ -70,9 +72,9 @@ pub struct WorkerArgs {
     /// End when there has been no unit for five seconds.
     #[arg(long)]
     pub drain: bool,
-    /// Change a byte of each film, for tests.
-    #[arg(long, hide = true)]
-    pub corrupt: bool,
+    /// Do something wrong (lie, spoil, hoard, return), for tests.
+    #[arg(long, value_name = "WHAT", hide = true)]
+    pub mischief: Option<Mischief>,
     /// End the process at a place, for tests.
     #[arg(long, value_name = "PLACE[:N]", hide = true)]
     pub failpoint: Option<Failpoint>,
@@ -98,6 +100,8 @@ pub enum FarmCommand {
     Init(FarmInitArgs),
     /// Add the key of one more worker to a farm.
     Key(FarmKeyArgs),
+    /// Let a worker take units again that was quarantined or gets none for a while.
+    Trust(FarmTrustArgs),
     /// Predict time, idle machines and network load of a job on farms of many sizes.
     Plan(Box<FarmPlanArgs>),
 }
@@ -131,4 +135,14 @@ pub struct FarmKeyArgs {
     /// Folder of the farm.
     #[arg(long, value_name = "DIR", default_value = "raystream-farm")]
     pub folder: PathBuf,
+}
+
+/// `raystream farm trust`.
+#[derive(Debug, Args)]
+pub struct FarmTrustArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// Name of the worker, or its key.
+    pub worker: String,
 }

@@ -31,7 +31,7 @@ pub use bench::{
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 #[cfg(feature = "farm")]
-pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, NatsArgs, WorkerArgs};
+pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, FarmTrustArgs, NatsArgs, WorkerArgs};
 #[cfg(feature = "farm")]
 pub use farm_plan::{FarmPlanArgs, JobName};
 pub use merge::MergeArgs;

@@ -24,6 +24,10 @@ pub struct ServeArgs {
     /// Key of the certificate, as a PEM file.
     #[arg(long, value_name = "FILE", requires = "tls_certificate")]
     pub tls_key: Option<PathBuf>,
+    /// Certificates of the authorities by which https addresses of webhooks are known, as a PEM file
+    /// [default: the system's].
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
     /// Listen at an address of other machines without TLS.
     #[arg(long)]
     pub insecure: bool,
@@ -98,6 +102,9 @@ pub struct ClientArgs {
     /// File with the service's token.
     #[arg(long, value_name = "FILE", default_value = "raystream-data/token")]
     pub token_file: PathBuf,
+    /// Certificates of the authorities by which an https service is known, as a PEM file [default: the system's].
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

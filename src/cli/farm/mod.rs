@@ -8,6 +8,7 @@ mod systemd;
 use super::Outcome;
 use super::args::{FarmArgs, FarmCommand, NatsArgs, WorkerArgs};
 use super::setup::shared_units;
+use crate::cli::serve::trust;
 use crate::farm::nats::{NatsBus, NatsOptions, NatsServer};
 use crate::farm::{DiskScenes, WorkBus, Worker, WorkerOptions};
 use crate::picture::Registry;
@@ -29,6 +30,7 @@ pub fn run(command: &FarmCommand) -> Result<Outcome> {
     match command {
         FarmCommand::Init(args) => init::init(args),
         FarmCommand::Key(args) => init::key(args),
+        FarmCommand::Trust(args) => trust(args),
         FarmCommand::Plan(args) => plan::run(args),
     }
 }
@@ -50,16 +52,20 @@ pub fn connect(
     data: &Path,
     farm: &mut FarmOptions,
 ) -> Result<Option<NatsServer>> {
-    let own = if args.spawn_nats { Some(NatsServer::start(data)?) } else { None };
+    let own = if args.spawn_nats { Some(NatsServer::start(data, &args.server.farm)?) } else { None };
     let url = own.as_ref().map(|own| own.url().to_owned()).or_else(|| args.nats.clone());
     let Some(url) = url else { return Ok(None) };
     let mut options = options(&url, &args.server, insecure);
     options.lease = Duration::from_secs_f64(args.lease);
+    if let Some(own) = &own {
+        options.nkey = Some(own.key());
+    }
     let farm_name = options.prefix.clone();
     farm.bus = Some(Arc::new(NatsBus::connect(options, "raystream coordinator")?));
     farm.compared_share = args.compared;
     let of_farm = if farm_name == "raystream" { String::new() } else { format!(" --farm {farm_name}") };
-    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}");
+    let keys = own.as_ref().map(|own| format!(" --nats-key {}", own.worker_keys().display()));
+    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}{}", keys.unwrap_or_default());
     Ok(own)
 }
 
@@ -76,7 +82,8 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
         Some(cache) => cache.clone(),
         None => cache_folder()?,
     };
-    let scenes = DiskScenes::open(&cache.join("scenes"), args.cache_size, Arc::clone(&bus));
+    let made = LoadedScenes::folder(&cache);
+    let scenes = DiskScenes::open(&cache.join("scenes"), &made, args.cache_size, Arc::clone(&bus));
     let scenes = scenes.with_context(|| format!("{}: the cache cannot be used", cache.display()))?;
     let loaded = LoadedScenes::new(&cache, args.cache_size);
     let shared = shared_units(&args.units, SCHEDULED)?;
@@ -91,7 +98,7 @@ pub fn work(args: &WorkerArgs, registry: Registry) -> Result<Outcome> {
         slots: args.slots,
         idle,
         is_live: true,
-        corrupt: args.corrupt,
+        mischief: args.mischief,
     };
     let worker = Worker::new(options, bus, Arc::new(scenes), reader);
     listen_for_signals(&worker);

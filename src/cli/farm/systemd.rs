@@ -19,7 +19,7 @@ pub(super) fn of_server() -> String {
     let folder = "/etc/raystream/nats";
     format!(
         "{}# The files belong to the user: chown -R nats: {folder}\nUser=nats\nWorkingDirectory={folder}\n\
-         StateDirectory=raystream-nats\nExecStart=nats-server -c nats.conf\n\
+         ExecStart=nats-server -c nats.conf\n\
          ExecReload=kill -HUP $MAINPID\nRestart=always\nRestartSec=1\n{CONFINED}{INSTALL}",
         head("NATS server of a farm of raystream")
     )

@@ -36,9 +36,12 @@ impl Client {
         let token = std::fs::read_to_string(&args.token_file).with_context(|| {
             format!("{path}: the token cannot be read; name the service's file `token` (--token-file)")
         })?;
-        let config = Agent::config_builder().http_status_as_error(false).max_redirects(0);
-        let agent = config.timeout_connect(Some(Duration::from_secs(10))).build().new_agent();
+        let mut config = Agent::config_builder().http_status_as_error(false).max_redirects(0);
         let server = args.server.trim_end_matches('/').to_owned();
+        if server.starts_with("https:") {
+            config = config.tls_config(crate::serve::roots::tls(args.ca.as_deref())?);
+        }
+        let agent = config.timeout_connect(Some(Duration::from_secs(10))).build().new_agent();
         Ok(Self { agent, server, token: format!("Bearer {}", token.trim()) })
     }
 
@@ -185,6 +188,14 @@ fn print(job: &Value) {
         job["frames"],
         text(job, "error")
     );
+    let suspects: Vec<&str> =
+        job["suspects"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    if !suspects.is_empty() {
+        stdout_line!(
+            "  suspect: it has sums of {}, which sent wrong ones; submit it again",
+            suspects.join(", ")
+        );
+    }
 }
 
 /// An identifier that is put into an address.
@@ -252,5 +263,29 @@ pub fn cancel(args: &CancelArgs) -> Result<Outcome> {
     let frames = answer["kept"]["frames"].as_array().map_or(0, Vec::len);
     let (units, all) = (&answer["kept"]["units"], &answer["kept"]["of_units"]);
     stdout_line!("job {id} is {}; kept: {frames} frames, {units} of {all} units", text(&answer, "state"));
+    Ok(Outcome::Done)
+}
+
+/// `raystream farm trust`.
+#[cfg(feature = "farm")]
+pub fn trust(args: &crate::cli::args::FarmTrustArgs) -> Result<Outcome> {
+    let client = Client::new(&args.client)?;
+    let listed = json_of(client.get("/api/v1/workers")?)?;
+    let workers = listed["workers"].as_array().into_iter().flatten();
+    let is_meant = |worker: &&Value| [text(worker, "name"), text(worker, "key")].contains(&&*args.worker);
+    let keys: Vec<&str> = workers.filter(is_meant).map(|worker| text(worker, "key")).collect();
+    let key = match *keys {
+        [] => bail!("{}: there is no worker of this name or key", args.worker),
+        [key] => key,
+        _ => {
+            bail!("{}: several workers have this name; name the key of one: {}", args.worker, keys.join(", "))
+        }
+    };
+    let answer = client.post(&format!("/api/v1/workers/{key}/trust"), &json!({}), None)?;
+    if args.client.json {
+        stdout_line!("{answer}");
+    } else {
+        stdout_line!("worker {} gets units again", args.worker);
+    }
     Ok(Outcome::Done)
 }

@@ -5,6 +5,8 @@ mod client;
 mod view;
 
 pub use check_scene::run as check_scene;
+#[cfg(feature = "farm")]
+pub use client::trust;
 pub use client::{cancel, fetch, jobs, submit, timeline};
 pub use view::run as view;
 
@@ -65,6 +67,7 @@ fn serve(
         data: data.clone(),
         tls: tls.map(|(certificate, key)| Tls { certificate, key }),
         insecure: *insecure,
+        ca: args.ca.clone(),
         open_to_drake: args.drake,
         names: name.clone(),
         limits,

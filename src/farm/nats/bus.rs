@@ -1,43 +1,42 @@
 //! The bus.
 
-use super::super::bus::{Backlog, BusError, Lane, Lease, Offered, WorkBus};
-use super::super::desk::{Answer, Ask, Desk, Verdict};
+use super::super::bell::Bell;
+use super::super::bus::{BusError, WorkBus};
+use super::super::desk::{Answer, Ask, Desk, Welcome};
 use super::super::live::{LiveAnswer, LiveAnswered, LiveAsk, LiveDesk};
-use super::super::unit::Unit;
-use super::super::{ANSWERED_TOGETHER, BEATS, PART_BYTES};
+use super::super::{ANSWERED_TOGETHER, PART_BYTES};
 use super::connection::{NatsError, NatsOptions, TIMEOUT, warn_of_holes};
+use super::keys::Identity;
 use super::messages::{
     MOST_BYTES, Question, Reply, join, kind, live_answer, live_question, read_live_answer,
     read_live_question, read_reply, reply, split, with_bytes,
 };
-use super::queue::Queue;
-use super::subjects::{is_inbox, live, question};
+use super::parts::Parts;
+use super::subjects::{asked, bell, is_inbox, live, old_question, question};
 use async_nats::client::{Request, RequestErrorKind};
-use async_nats::jetstream;
 use async_nats::{Client, Message};
 use futures_util::StreamExt;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::runtime::{Handle, Runtime};
 use tokio::sync::Semaphore;
 
 /// The longest wait for a coordinator that writes a film to its disk.
 const DISK_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// The most bytes of films that have not come whole yet; and how long parts are kept for the others.
-const MOST_PARTS_BYTES: usize = 1 << 30;
-const PARTS_AGE: Duration = Duration::from_secs(60);
+/// Questions of one worker that are answered at the same time: one that floods delays the others little.
+const OF_ONE: usize = ANSWERED_TOGETHER / 4;
 
 /// A bus over a NATS server.
 pub struct NatsBus {
     /// Dropped in the background: it may be dropped by one of its own threads.
     runtime: Option<Runtime>,
     client: Client,
-    queue: Queue,
     options: NatsOptions,
-    /// Where this process is asked for tiles, if it listens.
-    address: String,
+    /// Who this process is.
+    identity: Identity,
+    bell: Arc<Bell>,
 }
 
 impl std::fmt::Debug for NatsBus {
@@ -47,13 +46,14 @@ impl std::fmt::Debug for NatsBus {
 }
 
 impl NatsBus {
-    /// Connects to a server, now or as soon as there is one. `name` is what the server calls the connection.
+    /// Connects to a server, now or as soon as there is one. `name` is what the server calls the connection, and what
+    /// this process is known by where it has no key.
     ///
     /// # Errors
     /// [`NatsError`] if it must not or cannot be used.
     pub fn connect(options: NatsOptions, name: &str) -> Result<Self, NatsError> {
         options.check()?;
-        let address = options.address()?;
+        let identity = Identity::of(options.nkey.as_deref(), name)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .max_blocking_threads(2 * ANSWERED_TOGETHER)
@@ -63,12 +63,15 @@ impl NatsBus {
         let refused =
             |error: std::io::Error| NatsError::Refused { url: options.url.clone(), error: error.to_string() };
         let runtime = runtime.map_err(refused)?;
-        let client = runtime.block_on(options.connect(name))?;
+        let client = runtime.block_on(options.connect(name, &identity))?;
         runtime.spawn(look_for_holes(client.clone()));
-        let mut context = runtime.block_on(async { jetstream::new(client.clone()) });
-        context.set_timeout(TIMEOUT);
-        let queue = Queue::new(context, &options);
-        Ok(Self { runtime: Some(runtime), client, queue, options, address })
+        Ok(Self { runtime: Some(runtime), client, options, identity, bell: Arc::default() })
+    }
+
+    /// The key by which the other side knows this process.
+    #[cfg(test)]
+    pub(super) fn key(&self) -> &str {
+        &self.identity.name
     }
 
     fn runtime(&self) -> &Runtime {
@@ -79,14 +82,8 @@ impl NatsBus {
         self.runtime().block_on(work)
     }
 
-    /// Deletes a queue, as a careless operator would.
-    #[cfg(test)]
-    pub(super) fn delete_queue(&self, name: &str) {
-        self.run(self.queue.delete(name));
-    }
-
     async fn question(&self, ask: &Ask, part: Option<(u64, u64)>, bytes: &[u8]) -> Result<Reply, BusError> {
-        let subject = question(&self.options.prefix, kind(ask));
+        let subject = question(&self.options.prefix, kind(ask), &self.identity.name);
         let patience = if matches!(ask, Ask::Result(_) | Ask::Files(..)) { DISK_TIMEOUT } else { TIMEOUT };
         let message = join(&Question { ask: ask.clone(), part }, bytes);
         let request = Request::new().payload(message.into()).timeout(Some(patience));
@@ -124,43 +121,51 @@ impl Drop for NatsBus {
 }
 
 impl WorkBus for NatsBus {
-    fn offer(&self, lane: Lane, unit: &Unit, round: u32) -> Result<Offered, BusError> {
-        self.run(self.queue.offer(lane, unit, round))
-    }
-
-    fn backlog(&self) -> Result<Backlog, BusError> {
-        self.run(self.queue.backlog())
-    }
-
     fn attend(&self, desk: Arc<dyn Desk>) -> Result<(), BusError> {
         let refused = |error: String| BusError::Refused(format!("NATS: {error}"));
-        let (client, subject) = (self.client.clone(), question(&self.options.prefix, "*"));
+        let (client, prefix) = (self.client.clone(), self.options.prefix.clone());
         self.run(async {
-            let asked = client.queue_subscribe(subject, "coordinator".into()).await;
-            let mut asked = asked.map_err(|error| refused(error.to_string()))?;
+            let group = || "coordinator".to_owned();
+            let questions = client.queue_subscribe(question(&prefix, "*", "*"), group()).await;
+            let mut questions = questions.map_err(|error| refused(error.to_string()))?;
+            let old = client.queue_subscribe(old_question(&prefix), group()).await;
+            let mut old = old.map_err(|error| refused(error.to_string()))?;
+            let of_old = client.clone();
             tokio::spawn(async move {
-                let (limit, parts) =
-                    (Arc::new(Semaphore::new(ANSWERED_TOGETHER)), Arc::new(Parts::default()));
-                while let Some(message) = asked.next().await {
+                while let Some(message) = old.next().await {
+                    refuse_old(&of_old, &message).await;
+                }
+            });
+            tokio::spawn(async move {
+                let limit = Arc::new(Semaphore::new(ANSWERED_TOGETHER));
+                let (parts, busy) = (Arc::new(Parts::default()), Arc::new(Busy::default()));
+                while let Some(message) = questions.next().await {
+                    // Who gets no answer asks again.
+                    let Some((_, key)) = asked(&prefix, &message.subject) else { continue };
+                    let Some(turn) = Busy::enter(&busy, key) else { continue };
                     let Ok(permit) = Arc::clone(&limit).acquire_owned().await else { return };
                     let (client, desk, parts) = (client.clone(), Arc::clone(&desk), Arc::clone(&parts));
                     tokio::spawn(async move {
-                        answer(&client, &message, desk, parts).await;
-                        drop(permit);
+                        answer(&client, &message, &turn.1, desk, parts).await;
+                        drop((turn, permit));
                     });
                 }
             });
             Ok(())
-        })?;
-        // A server that is not there yet gets its queue when the coordinator first looks.
-        if let Err(error) = self.backlog() {
-            log::warn!("{error}; the queue is made as soon as the server answers");
-        }
-        Ok(())
+        })
     }
 
-    fn lease(&self, patience: Duration) -> Result<Option<Box<dyn Lease>>, BusError> {
-        Ok(self.run(self.queue.lease(patience))?.map(|lease| Box::new(lease) as Box<dyn Lease>))
+    fn ring(&self) {
+        let (client, subject) = (self.client.clone(), bell(&self.options.prefix));
+        self.runtime().spawn(async move {
+            if let Err(error) = client.publish(subject, "".into()).await {
+                log::debug!("{error}");
+            }
+        });
+    }
+
+    fn bell(&self) -> &Bell {
+        &self.bell
     }
 
     fn ask(&self, ask: Ask) -> Result<Answer, BusError> {
@@ -180,24 +185,30 @@ impl WorkBus for NatsBus {
         self.options.lease
     }
 
-    fn listen(&self, desk: Arc<dyn LiveDesk>) -> Result<String, BusError> {
-        let (client, subject) = (self.client.clone(), live(&self.options.prefix, &self.address));
+    fn listen(&self, desk: Arc<dyn LiveDesk>) -> Result<(), BusError> {
+        let (client, own) = (self.client.clone(), Arc::clone(&self.bell));
+        let prefix = &self.options.prefix;
         self.run(async {
-            let asked = client.subscribe(subject).await;
-            let mut asked = asked.map_err(|error| BusError::Refused(format!("NATS: {error}")))?;
+            let refused = |error: async_nats::SubscribeError| BusError::Refused(format!("NATS: {error}"));
+            let mut asked = client.subscribe(live(prefix, &self.identity.name)).await.map_err(refused)?;
+            let mut rung = client.subscribe(bell(prefix)).await.map_err(refused)?;
             tokio::spawn(async move {
                 while let Some(message) = asked.next().await {
                     show(&client, &message, &*desk);
                 }
             });
+            tokio::spawn(async move {
+                while rung.next().await.is_some() {
+                    own.ring();
+                }
+            });
             Ok(())
-        })?;
-        Ok(self.address.clone())
+        })
     }
 
-    fn request(&self, address: &str, ask: LiveAsk, patience: Duration, answered: LiveAnswered) {
-        let (client, subject) = (self.client.clone(), live(&self.options.prefix, address));
-        let silent = BusError::Silent(format!("the worker at {address}"));
+    fn request(&self, key: &str, ask: LiveAsk, patience: Duration, answered: LiveAnswered) {
+        let (client, subject) = (self.client.clone(), live(&self.options.prefix, key));
+        let silent = BusError::Silent(format!("the worker {key}"));
         let question = live_question(&ask);
         if question.len() > MOST_BYTES {
             let told = format!("a question of {} bytes is more than a message holds", question.len());
@@ -213,7 +224,7 @@ impl WorkBus for NatsBus {
     }
 }
 
-const _: () = assert!(PART_BYTES < 1 << 20 && BEATS > 1);
+const _: () = assert!(PART_BYTES < MOST_BYTES);
 
 /// Looks at the version of a server as soon as there is one.
 async fn look_for_holes(client: Client) {
@@ -243,21 +254,33 @@ fn show(client: &Client, message: &Message, desk: &dyn LiveDesk) {
     desk.take(ask, Box::new(reply));
 }
 
-/// Answers a question.
-async fn answer(client: &Client, message: &Message, desk: Arc<dyn Desk>, parts: Arc<Parts>) {
+/// Tells a worker of an older raystream that it is one.
+async fn refuse_old(client: &Client, message: &Message) {
+    let Some(to) = message.reply.clone().filter(|to| is_inbox(to)) else { return };
+    let told = "the coordinator's raystream is newer than this one, and reads none of its messages; install the same";
+    let refused = reply(Answer::Welcome(Welcome::Refused(told.into())));
+    if let Err(error) = client.publish(to, refused.into()).await {
+        log::debug!("{error}");
+    }
+}
+
+/// Answers a question of the worker of a key.
+async fn answer(client: &Client, message: &Message, key: &str, desk: Arc<dyn Desk>, parts: Arc<Parts>) {
     // An answer to another subject would do there what the one who asks may not.
     let Some(to) = message.reply.clone().filter(|to| is_inbox(to)) else { return };
     let answered = match split::<Question>(&message.payload) {
-        Ok((Question { ask, part }, bytes)) => match parts.add(&ask, part, bytes) {
-            Ok(bytes) => {
-                let ask = with_bytes(ask, bytes);
-                let answered = tokio::task::spawn_blocking(move || reply(desk.answer(ask))).await;
-                answered.ok()
-            }
-            Err(reply) => Some(join(&reply, &[])),
-        },
+        Ok((Question { ask, part }, bytes)) => {
+            let own = key.to_owned();
+            let bytes = bytes.to_vec();
+            let work = move || match parts.add(&*desk, &own, &ask, part, &bytes) {
+                Ok(bytes) => reply(desk.answer(&own, with_bytes(ask, bytes))),
+                Err(reply) => join(&reply, &[]),
+            };
+            tokio::task::spawn_blocking(work).await.ok()
+        }
         Err(error) => {
-            log::warn!("{error}");
+            log::debug!("worker {key}: {error}");
+            metrics::counter!("raystream_refused_messages_total", "reason" => "unreadable").increment(1);
             None
         }
     };
@@ -269,32 +292,34 @@ async fn answer(client: &Client, message: &Message, desk: Arc<dyn Desk>, parts: 
     }
 }
 
-/// Parts of results that have come, by unit, worker and digest.
+/// How many questions of each worker are being answered.
 #[derive(Default)]
-struct Parts(Mutex<HashMap<String, (Vec<u8>, Instant)>>);
+struct Busy(Mutex<HashMap<String, usize>>);
 
-impl Parts {
-    /// Adds a part. Returns all bytes with the last one, else what to answer.
-    fn add(&self, ask: &Ask, part: Option<(u64, u64)>, bytes: &[u8]) -> Result<Vec<u8>, Reply> {
-        let (Ask::Result(finished), Some((offset, all))) = (ask, part) else { return Ok(bytes.to_vec()) };
-        if offset == 0 && bytes.len() as u64 == all {
-            return Ok(bytes.to_vec());
+/// A question that is being answered, and whose it is.
+struct Turn(Arc<Busy>, String);
+
+impl Busy {
+    /// Begins to answer a question; `None` if too many of the same worker are under way.
+    fn enter(own: &Arc<Self>, key: &str) -> Option<Turn> {
+        let mut counts = own.0.lock().expect("no holder panics");
+        let count = counts.entry(key.to_owned()).or_default();
+        if *count >= OF_ONE {
+            return None;
         }
-        let key = format!("{} {} {}", finished.unit, finished.worker, finished.digest);
-        let mut parts = self.0.lock().expect("no holder panics");
-        parts.retain(|_, (_, last)| last.elapsed() < PARTS_AGE);
-        let held: usize = parts.values().map(|(bytes, _)| bytes.len()).sum();
-        if held.saturating_add(bytes.len()) > MOST_PARTS_BYTES || all > MOST_PARTS_BYTES as u64 {
-            return Err(Reply::Answer(Answer::Verdict(Verdict::Later)));
+        *count += 1;
+        Some(Turn(Arc::clone(own), key.to_owned()))
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        let mut counts = self.0.0.lock().expect("no holder panics");
+        if let Some(count) = counts.get_mut(&self.1) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.1);
+            }
         }
-        let (have, last) = parts.entry(key.clone()).or_insert_with(|| (Vec::new(), Instant::now()));
-        *last = Instant::now();
-        if have.len() as u64 == offset {
-            have.extend_from_slice(bytes);
-        }
-        if (have.len() as u64) < all {
-            return Err(Reply::Next(have.len() as u64));
-        }
-        Ok(parts.remove(&key).map_or(Vec::new(), |(bytes, _)| bytes))
     }
 }

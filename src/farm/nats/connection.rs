@@ -1,8 +1,7 @@
 //! Where the server is, and who may connect to it.
 
-use super::keys::NatsKey;
+use super::keys::Identity;
 use super::subjects::inbox;
-use crate::serve::hex;
 use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event};
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -27,7 +26,7 @@ const SAFE: [(u32, u32, u32); 2] = [(2, 11, 16), (2, 12, 7)];
 pub struct NatsOptions {
     /// `nats://HOST:PORT`, or `tls://HOST:PORT`.
     pub url: String,
-    /// A file with the seed of the process's key.
+    /// A file with the seed of the process's key, or a folder of such files: the first one that is free is taken.
     pub nkey: Option<PathBuf>,
     /// The certificate of the authority that has signed the server's, as a PEM file.
     pub ca: Option<PathBuf>,
@@ -112,27 +111,8 @@ impl NatsOptions {
         if is_own || is_secured || self.insecure { Ok(()) } else { Err(NatsError::Open(url)) }
     }
 
-    /// The process's key, if it has one.
-    fn key(&self) -> Result<Option<NatsKey>, NatsError> {
-        let Some(path) = &self.nkey else { return Ok(None) };
-        let failed = |error: String| NatsError::File { path: path.clone(), error };
-        let seed = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-        NatsKey::from_seed(&seed).map(Some).map_err(|error| failed(error.to_string()))
-    }
-
-    /// The address at which this process alone is asked: its public key, or a random name where there are no keys.
-    pub(super) fn address(&self) -> Result<String, NatsError> {
-        if let Some(key) = self.key()? {
-            return Ok(key.public);
-        }
-        let mut random = [0; 16];
-        let filled = getrandom::fill(&mut random);
-        filled.map_err(|error| NatsError::Key(format!("an address cannot be made: {error}")))?;
-        Ok(hex(&random))
-    }
-
     /// How to connect, with the files of key and certificate read.
-    fn read(&self, name: &str) -> Result<ConnectOptions, NatsError> {
+    fn read(&self, name: &str, identity: &Identity) -> Result<ConnectOptions, NatsError> {
         let told = Arc::new(Mutex::new(String::new()));
         let mut options = ConnectOptions::new()
             .name(name)
@@ -145,8 +125,8 @@ impl NatsOptions {
                 let told = Arc::clone(&told);
                 async move { tell(&event, &told) }
             });
-        if let Some(key) = self.key()? {
-            options = options.custom_inbox_prefix(inbox(&key.public)).nkey(key.seed);
+        if let Some(key) = &identity.key {
+            options = options.custom_inbox_prefix(inbox(&key.public)).nkey(key.seed.clone());
         }
         if let Some(path) = &self.ca {
             if !path.is_file() {
@@ -158,9 +138,9 @@ impl NatsOptions {
     }
 
     /// Connects, now or as soon as there is a server. A server that is there and refuses is an error.
-    pub(super) async fn connect(&self, name: &str) -> Result<Client, NatsError> {
+    pub(super) async fn connect(&self, name: &str, identity: &Identity) -> Result<Client, NatsError> {
         let refused = |error: String| NatsError::Refused { url: self.url.clone(), error };
-        let error = match self.read(name)?.connect(&self.url).await {
+        let error = match self.read(name, identity)?.connect(&self.url).await {
             Ok(client) => return Ok(client),
             Err(error) => error,
         };
@@ -181,7 +161,7 @@ impl NatsOptions {
             }
             ConnectErrorKind::Tls => Err(refused(format!("the connection cannot be encrypted: {error}"))),
             _ => {
-                let options = self.read(name)?.retry_on_initial_connect();
+                let options = self.read(name, identity)?.retry_on_initial_connect();
                 options.connect(&self.url).await.map_err(|error| refused(error.to_string()))
             }
         }
@@ -200,6 +180,9 @@ fn tell(event: &Event, told: &Mutex<String>) {
     let text = match event {
         Event::Connected => "NATS: connected".into(),
         Event::Disconnected => "NATS: the connection is lost; it is made again".into(),
+        Event::ServerError(error) if is_of_old_settings(&error.to_string()) => format!(
+            "NATS: {error}: the settings of the server are of an older raystream; write them again (raystream farm init)"
+        ),
         event => format!("NATS: {event}"),
     };
     let last = std::mem::replace(&mut *told.lock().expect("no holder panics"), text.clone());
@@ -208,6 +191,12 @@ fn tell(event: &Event, told: &Mutex<String>) {
         Event::Disconnected | Event::ServerError(_) | Event::ClientError(_) => log::warn!("{text}"),
         _ => log::info!("{text}"),
     }
+}
+
+/// Whether a server refuses what its settings allow in a farm of this version.
+fn is_of_old_settings(error: &str) -> bool {
+    let error = error.to_lowercase();
+    error.contains("permissions violation") && (error.contains(".ask.") || error.contains(".bell"))
 }
 
 /// Warns of a server with known holes.

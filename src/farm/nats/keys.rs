@@ -1,10 +1,14 @@
 //! Keys and certificates of a farm.
 
 use super::connection::NatsError;
+use crate::serve::hex;
 use nkeys::{KeyPair, KeyPairType};
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyUsagePurpose,
 };
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// How long certificates hold, and how long ago they began: clocks differ.
@@ -50,6 +54,51 @@ impl NatsKey {
         let pair = KeyPair::from_seed(&seed).ok().filter(|pair| pair.key_pair_type() == KeyPairType::User);
         let pair = pair.ok_or_else(|| NatsError::Key("it holds no seed of a user's key (SU...)".into()))?;
         Ok(Self { public: pair.public_key(), seed })
+    }
+}
+
+/// Who a process is on a bus.
+#[derive(Debug)]
+pub(super) struct Identity {
+    /// Its public key; without a key a name that follows from the process's, for which no one vouches.
+    pub name: String,
+    /// Its key.
+    pub key: Option<NatsKey>,
+    /// The file of the key, from a folder of several. No other process takes it while this one has it.
+    _file: Option<File>,
+}
+
+impl Identity {
+    /// That of a file with a seed, or of the first one in a folder that no other process uses.
+    pub fn of(path: Option<&Path>, name: &str) -> Result<Self, NatsError> {
+        let Some(path) = path else {
+            let name = hex(&Sha256::digest(name.as_bytes())[..16]);
+            return Ok(Self { name: format!("N{name}"), key: None, _file: None });
+        };
+        let (path, file) = if path.is_dir() {
+            let (path, file) = Self::take(path)?;
+            (path, Some(file))
+        } else {
+            (path.to_owned(), None)
+        };
+        let failed = |error: String| NatsError::File { path: path.clone(), error };
+        let seed = std::fs::read_to_string(&path).map_err(|error| failed(error.to_string()))?;
+        let key = NatsKey::from_seed(&seed).map_err(|error| failed(error.to_string()))?;
+        Ok(Self { name: key.public.clone(), key: Some(key), _file: file })
+    }
+
+    fn take(folder: &Path) -> Result<(PathBuf, File), NatsError> {
+        let failed = |error: &str| NatsError::File { path: folder.to_owned(), error: error.into() };
+        let entries = std::fs::read_dir(folder).map_err(|error| failed(&error.to_string()))?;
+        let mut keys: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        keys.retain(|path| path.extension().is_some_and(|extension| extension == "key"));
+        keys.sort();
+        let free = |path: PathBuf| {
+            let file = File::open(&path).ok()?;
+            file.try_lock().ok().map(|()| (path, file))
+        };
+        let told = "no key in it is free: each process needs one of its own";
+        keys.into_iter().find_map(free).ok_or_else(|| failed(told))
     }
 }
 
@@ -124,6 +173,25 @@ mod unit_tests {
         for wrong in ["", &key.public, &key.seed[1..], &KeyPair::new_account().seed().expect("a seed")] {
             assert!(NatsKey::from_seed(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn processes_take_different_keys_of_a_folder() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let keys = [0, 1].map(|_| NatsKey::generate().expect("a key"));
+        for (number, key) in keys.iter().enumerate() {
+            std::fs::write(folder.path().join(format!("{number}.key")), &key.seed).expect("a file");
+        }
+        let take = || Identity::of(Some(folder.path()), "w");
+        let first = take().expect("a key");
+        let second = take().expect("another");
+        assert_eq!([&first.name, &second.name], [&keys[0].public, &keys[1].public]);
+        assert!(take().expect_err("none is left").to_string().contains("no key in it is free"));
+        drop(first);
+        assert_eq!(take().expect("it is free again").name, keys[0].public);
+        let unnamed = |name| Identity::of(None, name).expect("a name").name;
+        assert_eq!(unnamed("a"), unnamed("a"));
+        assert_ne!(unnamed("a"), unnamed("b"));
     }
 
     #[test]

@@ -46,13 +46,14 @@ pub(super) fn split<T: DeserializeOwned>(message: &[u8]) -> Result<(T, &[u8]), B
     Ok((text, bytes))
 }
 
-/// The last token of the subject of a question, one of [`super::subjects::QUESTIONS`].
+/// The kind in the subject of a question, one of [`super::subjects::QUESTIONS`].
 pub(super) fn kind(ask: &Ask) -> &'static str {
     match ask {
         Ask::Join(_) => "join",
         Ask::Report(_) => "report",
-        Ask::Leave(_) => "leave",
-        Ask::Start(..) => "start",
+        Ask::Leave => "leave",
+        Ask::Lease(_) => "lease",
+        Ask::GiveBack(_) => "back",
         Ask::Files(..) => "files",
         Ask::File(_) => "file",
         Ask::Result(_) => "result",

@@ -1,13 +1,13 @@
-//! The bus over NATS JetStream: a work queue for units, requests for everything else.
+//! The bus over a NATS server: requests and their answers.
 //!
-//! Nothing of value lies on the server. Films and scenes travel in requests, from one process's memory into the other's
-//! disk; the queue holds names of units, which the ledger knows too. `docs/design/farm.md` names subjects and settings.
+//! Nothing lies on the server. Units, films and scenes travel in requests, from one process's memory into the other's
+//! disk. The server lets a worker's key ask under its own name alone. `docs/design/farm.md` names subjects and settings.
 
 mod bus;
 mod connection;
 mod keys;
 mod messages;
-mod queue;
+mod parts;
 pub mod settings;
 mod spawn;
 mod subjects;

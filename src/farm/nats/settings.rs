@@ -1,13 +1,11 @@
 //! What a NATS server is told: its limits, and for a farm whose keys may do what.
 //!
-//! Workers have an account of their own, and pass to the coordinator's only what `passed` names. Permissions to publish
-//! would not be enough: they say nothing of the subject to which an answer goes, and an acknowledgement whose answer
-//! goes to `$JS.API.STREAM.DELETE.P_WORK` deletes the queue. Within the workers' account that subject means nothing.
+//! Workers have an account of their own, and pass to the coordinator's only what `accounts` names. Permissions to publish
+//! would not be enough: they say nothing of the subject to which an answer goes. Within the workers' account a subject of
+//! the coordinator's means nothing.
 
-use super::super::bus::Lane;
 use super::messages::MOST_BYTES;
-use super::subjects::{QUESTIONS, acknowledgements, inbox, live, next, question};
-use std::fmt::Write;
+use super::subjects::{bell, inbox, live, question};
 use std::path::Path;
 
 const _: () = assert!(MOST_BYTES == 1_048_576, "LIMITS says the same");
@@ -22,55 +20,62 @@ const LIMITS: &str = "max_payload: 1048576\nping_interval: \"5s\"\nping_max: 2\n
 /// The line of the list of workers before which new ones stand.
 const END: &str = "    # `raystream farm key` adds workers before this line.";
 
-/// The settings of a server of this machine's own address.
-pub(super) fn of_own_server(port: u16, folder: &Path) -> String {
+/// The settings of a server of this machine's own address, for a coordinator and workers of these public keys.
+pub(super) fn of_own_server(
+    port: u16,
+    folder: &Path,
+    farm: &str,
+    coordinator: &str,
+    workers: &[String],
+) -> String {
     // A name in quotes, as the server reads them.
-    let quoted = |name: &str| {
-        let path = folder.join(name).display().to_string();
-        format!("\"{}\"", path.replace('\\', "\\\\").replace('"', "\\\""))
-    };
-    let (store, process) = (quoted("store"), quoted("pid"));
+    let path = folder.join("pid").display().to_string();
+    let process = format!("\"{}\"", path.replace('\\', "\\\\").replace('"', "\\\""));
+    let workers: String = workers.iter().map(|key| worker(farm, key)).collect();
     format!(
-        "listen: \"127.0.0.1:{port}\"\npid_file: {process}\n{LIMITS}\
-         jetstream {{ store_dir: {store}, max_mem: 64MB, max_file: 1GB }}\n"
+        "listen: \"127.0.0.1:{port}\"\npid_file: {process}\n{LIMITS}{}",
+        accounts(farm, coordinator, &format!("users: [\n{workers}]"))
     )
 }
 
-/// The subjects that workers pass to the coordinator's account, and whether there may be several answers.
-fn passed(farm: &str) -> Vec<(String, bool)> {
-    let questions = QUESTIONS.iter().map(|kind| (question(farm, kind), false));
-    let next = Lane::ALL.into_iter().map(|lane| (next(farm, lane), true));
-    let acknowledgements = Lane::ALL.into_iter().map(|lane| (acknowledgements(farm, lane), false));
-    questions.chain(next).chain(acknowledgements).collect()
+/// The accounts of a farm: that of the coordinator, and that of the workers, which `workers` lists.
+fn accounts(farm: &str, coordinator: &str, workers: &str) -> String {
+    let (questions, bell, tiles) = (question(farm, "*", "*"), bell(farm), live(farm, "*"));
+    format!(
+        "accounts {{\n    \
+         # The key of the coordinator may do everything in its account.\n    \
+         COORDINATOR {{\n        users: [ {{ nkey: {coordinator} }} ]\n        \
+         exports: [\n            \
+         {{ service: \"{questions}\", accounts: [WORKERS] }}\n            \
+         {{ stream: \"{bell}\", accounts: [WORKERS] }}\n        ]\n        \
+         imports: [ {{ service: {{ account: WORKERS, subject: \"{tiles}\" }} }} ]\n    }}\n    \
+         # Workers reach what is passed on, and nothing else, whatever they name as their inbox.\n    \
+         WORKERS {{\n        {workers}\n        \
+         imports: [\n            \
+         {{ service: {{ account: COORDINATOR, subject: \"{questions}\" }} }}\n            \
+         {{ stream: {{ account: COORDINATOR, subject: \"{bell}\" }} }}\n        ]\n        \
+         exports: [ {{ service: \"{tiles}\", accounts: [COORDINATOR] }} ]\n    }}\n}}\n"
+    )
+}
+
+/// A worker of a list: it asks under its own key, and hears what is meant for it.
+fn worker(farm: &str, public_key: &str) -> String {
+    let (ask, inbox) = (question(farm, "*", public_key), inbox(public_key));
+    let (tiles, bell) = (live(farm, public_key), bell(farm));
+    format!(
+        "    {{ nkey: {public_key}, permissions: {{ publish: {{ allow: [\"{ask}\"] }}, \
+         subscribe: {{ allow: [\"{inbox}.>\", \"{tiles}\", \"{bell}\"] }}, {RESPONSES} }} }}\n"
+    )
 }
 
 /// The settings of a farm's server, `nats.conf`. It reads the files `workers.conf`, `server.pem` and `server.key`
 /// beside it, and is started in their folder.
 pub fn of_farm(farm: &str, port: u16, coordinator: &str) -> String {
-    let (mut exports, mut imports) = (String::new(), String::new());
-    for (subject, is_stream) in passed(farm) {
-        let response = if is_stream { ", response_type: stream" } else { "" };
-        let _ = writeln!(exports, "            {{ service: \"{subject}\"{response}, accounts: [WORKERS] }}");
-        let _ = writeln!(
-            imports,
-            "            {{ service: {{ account: COORDINATOR, subject: \"{subject}\" }} }}"
-        );
-    }
-    let tiles = live(farm, "*");
     format!(
-        "# The NATS server of the farm {farm}. Start it in this folder, and name one that keeps the queue:\n\
-         # STATE_DIRECTORY=FOLDER nats-server -c nats.conf (with -sd it would not read settings again).\n\
+        "# The NATS server of the farm {farm}. Start it in this folder: nats-server -c nats.conf\n\
          server_name: \"{farm}\"\nlisten: \"0.0.0.0:{port}\"\n{LIMITS}\
-         tls {{ cert_file: \"server.pem\", key_file: \"server.key\", timeout: 5 }}\n\
-         jetstream {{ store_dir: $STATE_DIRECTORY, max_mem: 64MB, max_file: 1GB }}\n\
-         accounts {{\n    \
-         # The key of the coordinator may do everything in its account, which holds the queue.\n    \
-         COORDINATOR {{\n        jetstream: enabled\n        users: [ {{ nkey: {coordinator} }} ]\n        \
-         exports: [\n{exports}        ]\n        \
-         imports: [ {{ service: {{ account: WORKERS, subject: \"{tiles}\" }} }} ]\n    }}\n    \
-         # Workers reach what is passed on, and nothing else, whatever they name as their inbox.\n    \
-         WORKERS {{\n        include \"workers.conf\"\n        imports: [\n{imports}        ]\n        \
-         exports: [ {{ service: \"{tiles}\", accounts: [COORDINATOR] }} ]\n    }}\n}}\n"
+         tls {{ cert_file: \"server.pem\", key_file: \"server.key\", timeout: 5 }}\n{}",
+        accounts(farm, coordinator, "include \"workers.conf\"")
     )
 }
 
@@ -84,15 +89,7 @@ pub fn no_workers() -> String {
 
 /// A list of workers with one more. None if it has no place for it.
 pub fn with_worker(list: &str, farm: &str, name: &str, public_key: &str) -> Option<String> {
-    let quoted = |subject: String| format!("\"{subject}\"");
-    let publish: Vec<String> = passed(farm).into_iter().map(|(subject, _)| quoted(subject)).collect();
-    let worker = format!(
-        "    # {name}\n    {{ nkey: {public_key}, permissions: {{ publish: {{ allow: [{}] }}, \
-         subscribe: {{ allow: [{}, {}] }}, {RESPONSES} }} }}\n",
-        publish.join(", "),
-        quoted(format!("{}.>", inbox(public_key))),
-        quoted(live(farm, public_key)),
-    );
+    let worker = format!("    # {name}\n{}", worker(farm, public_key));
     let end = list.find(END)?;
     Some(format!("{}{worker}{}", &list[..end], &list[end..]))
 }
@@ -115,26 +112,7 @@ mod unit_tests {
     fn workers_may_do_what_they_need_and_nothing_else() {
         let list = with_worker(&no_workers(), "f", "one", "UONE").expect("a place");
         let allowed: Vec<&str> = list.split('"').skip(1).step_by(2).collect();
-        assert_eq!(
-            allowed,
-            [
-                "f.ask.join",
-                "f.ask.report",
-                "f.ask.leave",
-                "f.ask.start",
-                "f.ask.files",
-                "f.ask.file",
-                "f.ask.result",
-                "f.ask.failure",
-                "$JS.API.CONSUMER.MSG.NEXT.F_WORK.hi",
-                "$JS.API.CONSUMER.MSG.NEXT.F_WORK.lo",
-                "$JS.ACK.F_WORK.hi.>",
-                "$JS.ACK.F_WORK.lo.>",
-                "_INBOX.UONE.>",
-                "f.live.UONE",
-                "2s",
-            ]
-        );
+        assert_eq!(allowed, ["f.ask.*.UONE", "_INBOX.UONE.>", "f.live.UONE", "f.bell", "2s",]);
         assert!(list.contains(RESPONSES), "one answer to what it is asked");
     }
 }

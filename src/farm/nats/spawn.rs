@@ -1,6 +1,7 @@
-//! A server of this service's own.
+//! A server of this service's own, with keys: not everyone on a machine is a worker.
 
 use super::connection::NatsError;
+use super::keys::NatsKey;
 use super::settings;
 use std::fs;
 use std::io::{Read, Write};
@@ -12,6 +13,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+/// The files of keys in its folder.
+const COORDINATOR: &str = "coordinator.key";
+const WORKERS: &str = "workers";
+
 /// The program, which is looked for in PATH.
 const PROGRAM: &str = "nats-server";
 
@@ -21,7 +26,10 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// The pause before a server that has ended is started again.
 const RESTART: Duration = Duration::from_millis(500);
 
-/// A `nats-server` on this machine's own address, with its store in the service's data folder. If it ends, it is
+/// Keys of workers that are made: as many processes may work at the same time.
+const KEYS: u32 = 16;
+
+/// A `nats-server` on this machine's own address, with its keys in the service's data folder. If it ends, it is
 /// started again. It ends with this value; after a kill of the service the next one finds it by its port.
 #[derive(Debug)]
 pub struct NatsServer {
@@ -34,20 +42,32 @@ pub struct NatsServer {
 }
 
 impl NatsServer {
-    /// Starts the server, or finds the one that an earlier process of the same data folder has left.
+    /// Starts the server of a farm, or finds the one that an earlier process of the same data folder has left.
     ///
     /// # Errors
     /// If there is no such program in PATH, or it does not listen.
-    pub fn start(data: &Path) -> Result<Self, NatsError> {
+    pub fn start(data: &Path, farm: &str) -> Result<Self, NatsError> {
         let folder = data.join("nats");
         let failed =
             |error: std::io::Error| NatsError::File { path: folder.clone(), error: error.to_string() };
-        fs::create_dir_all(&folder).map_err(failed)?;
-        let port_file = folder.join("port");
+        fs::create_dir_all(folder.join(WORKERS)).map_err(failed)?;
+        let coordinator = key(&folder.join(COORDINATOR))?;
+        let of_worker = |number| key(&folder.join(WORKERS).join(format!("{number:02}.key")));
+        let workers = (1..=KEYS).map(of_worker).collect::<Result<Vec<_>, _>>()?;
+        let (port_file, conf) = (folder.join("port"), folder.join("nats.conf"));
+        let told = |port| settings::of_own_server(port, &folder, farm, &coordinator, &workers);
         let left = fs::read_to_string(&port_file).ok().and_then(|text| text.trim().parse().ok());
         if let Some(port) = left.filter(|port| answers(*port)) {
-            log::info!("the nats-server of an earlier process goes on");
-            return Ok(Self::of(port, None, folder));
+            if fs::read_to_string(&conf).is_ok_and(|known| known == told(port)) {
+                log::info!("the nats-server of an earlier process goes on");
+                return Ok(Self::of(port, None, folder));
+            }
+            // It has been told something else, perhaps by a raystream that made no keys.
+            end_earlier(&folder);
+            let began = Instant::now();
+            while answers(port) && began.elapsed() < PATIENCE {
+                std::thread::sleep(Duration::from_millis(20));
+            }
         }
         let free = || TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|socket| socket.local_addr());
         // The same port again: workers look there.
@@ -56,7 +76,7 @@ impl NatsServer {
             Some(port) => port,
             None => free().map_err(failed)?.port(),
         };
-        fs::write(folder.join("nats.conf"), settings::of_own_server(port, &folder)).map_err(failed)?;
+        fs::write(&conf, told(port)).map_err(failed)?;
         fs::write(&port_file, port.to_string()).map_err(failed)?;
         let child = spawn(&folder)?;
         let own = Self::of(port, Some(child), folder);
@@ -102,6 +122,16 @@ impl NatsServer {
     pub fn url(&self) -> &str {
         &self.url
     }
+
+    /// The file of the coordinator's key.
+    pub fn key(&self) -> PathBuf {
+        self.folder.join(COORDINATOR)
+    }
+
+    /// The folder of the keys of workers.
+    pub fn worker_keys(&self) -> PathBuf {
+        self.folder.join(WORKERS)
+    }
 }
 
 impl Drop for NatsServer {
@@ -109,7 +139,7 @@ impl Drop for NatsServer {
         self.ending.store(true, Relaxed);
         match self.child.lock().expect("no holder panics").take() {
             Some(mut child) => {
-                // Nothing of value is in its store.
+                // It keeps nothing.
                 let _ = child.kill();
                 let _ = child.wait();
             }
@@ -139,6 +169,17 @@ fn end_earlier(folder: &Path) {
 #[cfg(not(target_os = "linux"))]
 fn end_earlier(_: &Path) {
     log::warn!("{PROGRAM} goes on");
+}
+
+/// The public key of a file, which is made if it is not there. Its owner alone may read it.
+fn key(path: &Path) -> Result<String, NatsError> {
+    let failed = |error: String| NatsError::File { path: path.to_owned(), error };
+    if let Ok(seed) = fs::read_to_string(path) {
+        return NatsKey::from_seed(&seed).map(|key| key.public).map_err(|error| failed(error.to_string()));
+    }
+    let key = NatsKey::generate()?;
+    crate::serve::write_private(path, &key.seed).map_err(|error| failed(error.to_string()))?;
+    Ok(key.public)
 }
 
 fn spawn(folder: &Path) -> Result<Child, NatsError> {

@@ -4,9 +4,9 @@ use super::clock::{Time, seconds, time};
 use super::machine::Slot;
 use super::planner::Task;
 use super::simulator::{Begun, Event, Simulator};
-use crate::farm::UnitId;
-use crate::serve::decisions::{self, Asked, Begin, Holding, MOST_ATTEMPTS, MOST_FILES};
+use crate::serve::decisions::{self, Asked, Holding, MOST_ATTEMPTS, MOST_FILES, Taking};
 use std::time::Duration;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// What a worker asks.
 #[derive(Clone, Copy, Debug)]
@@ -123,22 +123,20 @@ impl Simulator<'_> {
         let holding = flight.holder.map(|holder| Holding {
             is_asker: holder == slot,
             silent: Duration::from_nanos(self.silent(holder)),
+            held: Duration::from_nanos(self.clock.now() - flight.began),
         });
-        let own_slots = self.costs.slots as usize;
-        let asked = Asked {
-            holding,
-            deliveries: flight.deliveries,
-            is_own: flight.compared == Some(slot),
-            has_other: self.slots > own_slots,
-        };
-        match decisions::begin(&asked, Duration::from_nanos(time(0.5 * self.costs.lease_s))) {
-            Begin::Wait => Begun::Wait,
-            Begin::Alone => {
+        let is_own = flight.compared == Some(slot);
+        let asked = Asked { holdings: holding.as_slice(), is_own, has_failed: false };
+        let lease = Duration::from_nanos(time(self.costs.lease_s));
+        match decisions::taking(&asked, lease / 2, lease) {
+            Taking::No if is_own && self.slots <= self.costs.slots as usize => {
                 self.compare(unit);
                 self.wake();
                 Begun::Skip
             }
-            Begin::Go { is_lost } => {
+            Taking::No | Taking::Spare => Begun::Wait,
+            taking => {
+                let is_lost = taking == Taking::Lost;
                 let flight = &mut self.flights[unit as usize];
                 flight.holder = Some(slot);
                 flight.losses += u32::from(is_lost && flight.compared.is_none());
@@ -223,10 +221,10 @@ impl Simulator<'_> {
         if self.farm.compared <= 0.0 || self.slots <= self.costs.slots as usize {
             return;
         }
-        let id =
-            UnitId { job: run.seq.to_string(), frame: flight.frame, pass: 0, number: flight.number, copy: 0 };
+        let name = format!("{}.{}.{}", run.seq, flight.frame, flight.number);
+        let drawn = xxh3_64(name.as_bytes()) as f64 / u64::MAX as f64;
         if let Some(frame) = run.frames.get_mut(&flight.frame)
-            && decisions::is_compared(&id, self.farm.compared)
+            && decisions::is_compared(drawn, self.farm.compared, decisions::FIRST_COMPARED)
         {
             frame.compared += 1;
             let (compared, holder) = (Some(slot), None);

@@ -4,11 +4,8 @@ use super::clock::{Time, time};
 use super::coordinator::Question;
 use super::shared::Shared;
 use super::simulator::{Begun, Event, Simulator};
-use crate::farm::{BEATS, LEASED_UNITS, PART_BYTES};
+use crate::farm::{BEATS, PART_BYTES};
 use xxhash_rust::xxh3::xxh3_64;
-
-/// Round trips until a unit is there that waits on the bus: one for each lane.
-const LEASE_TRIPS: f64 = 2.0;
 
 /// How long a unit that its worker is not to render rests.
 const REST_S: f64 = 1.0;
@@ -104,12 +101,12 @@ impl Simulator<'_> {
 
     /// A slot asks for a unit.
     fn ask(&mut self, slot: Slot) {
-        self.clock.after((LEASE_TRIPS - 0.5) * self.costs.round_trip_s, Event::Asks(slot));
+        self.clock.after(0.5 * self.costs.round_trip_s, Event::Asks(slot));
     }
 
     /// Gives units that wait to slots that wait.
     pub fn deliver(&mut self) {
-        while self.leased < LEASED_UNITS {
+        loop {
             while self.waiting.front().is_some_and(|slot| !self.is_there(*slot)) {
                 self.waiting.pop_front();
             }
@@ -119,12 +116,11 @@ impl Simulator<'_> {
             let [urgent, others] = &mut self.lanes;
             let Some(unit) = urgent.pop_front().or_else(|| others.pop_front()) else { return };
             let Some(slot) = self.waiting.pop_front() else { return };
-            self.leased += 1;
             let flight = &mut self.flights[unit as usize];
             flight.deliveries += 1;
             flight.leased = self.clock.now();
             self.machines[slot.machine as usize].units.push(unit);
-            self.clock.after(0.5 * self.costs.round_trip_s, Event::Delivered(unit, slot));
+            self.clock.after(0.0, Event::Delivered(unit, slot));
         }
     }
 
@@ -230,14 +226,12 @@ impl Simulator<'_> {
         if !self.is_there(slot) {
             return;
         }
-        self.leased -= 1;
         self.machines[slot.machine as usize].units.retain(|own| *own != unit);
         self.ask(slot);
         self.deliver();
     }
 
     pub fn redelivered(&mut self, unit: u32) {
-        self.leased -= 1;
         let lane = usize::from(!self.flights[unit as usize].is_urgent);
         self.lanes[lane].push_front(unit);
         self.deliver();

@@ -4,7 +4,6 @@ use super::clock::{Time, seconds};
 use super::coordinator::{Commit, Question, Work};
 use super::shared::Turns;
 use super::simulator::{Event, Flight, Run, Simulator};
-use crate::farm::QUEUED_UNITS;
 use crate::serve::decisions::{self, BLOCK_PIXELS, PLANNER_PAUSE, PassUnits, Sizes};
 
 /// What the coordinator does for a job besides units.
@@ -234,20 +233,11 @@ impl Simulator<'_> {
         self.clock.after(offers.len() as f64 * self.costs.offer_s, Event::LookEnds);
     }
 
-    /// An offer reaches the bus, which refuses it if it holds too many.
+    /// Workers may have a unit.
     pub fn offered(&mut self, unit: u32) {
-        let flight = self.flights[unit as usize];
-        if self.leased + self.lanes.iter().map(|lane| lane.len()).sum::<usize>() < QUEUED_UNITS {
-            self.lanes[usize::from(!flight.is_urgent)].push_back(unit);
-            return self.deliver();
-        }
-        self.outstanding -= 1;
-        if flight.compared.is_some() {
-            return self.comparisons.push_front(unit);
-        }
-        if let Some(frame) = self.jobs[flight.job as usize].frames.get_mut(&flight.frame) {
-            frame.units.put_back(flight.number);
-        }
+        let is_urgent = self.flights[unit as usize].is_urgent;
+        self.lanes[usize::from(!is_urgent)].push_back(unit);
+        self.deliver();
     }
 
     pub fn look_ends(&mut self) {

@@ -30,13 +30,13 @@ pub(super) enum Event {
     Tick(u32),
     /// The planner has looked.
     Looked,
-    /// An offer reaches the bus.
+    /// Workers may have a unit.
     Offered(u32),
     /// The planner has made all offers.
     LookEnds,
-    /// A slot's request for a unit reaches the bus.
+    /// A slot's request for a unit reaches the coordinator.
     Asks(Slot),
-    /// A unit reaches a slot.
+    /// A unit is chosen for a slot.
     Delivered(u32, Slot),
     /// A question reaches the coordinator.
     Arrives(Question),
@@ -145,9 +145,8 @@ pub(super) struct Simulator<'a> {
     pub flights: Vec<Flight>,
     pub outstanding: usize,
     pub comparisons: VecDeque<u32>,
-    /// Units that wait on the bus: urgent ones, others.
+    /// Units that workers may have: urgent ones, others.
     pub lanes: [VecDeque<u32>; 2],
-    pub leased: usize,
     /// Slots that wait for a unit.
     pub waiting: VecDeque<Slot>,
     pub incoming: Shared<Question>,
@@ -198,7 +197,6 @@ impl<'a> Simulator<'a> {
             outstanding: 0,
             comparisons: VecDeque::new(),
             lanes: Default::default(),
-            leased: 0,
             waiting: VecDeque::new(),
             incoming: Shared::new(bytes, bytes),
             outgoing: Shared::new(bytes, bytes),
@@ -247,8 +245,7 @@ impl<'a> Simulator<'a> {
             }
             Event::Delivered(unit, slot) => {
                 if self.is_there(slot) {
-                    let half = 0.5 * self.costs.round_trip_s;
-                    self.clock.after(half, Event::Arrives(Question::Start(unit, slot)));
+                    self.clock.after(0.0, Event::Arrives(Question::Start(unit, slot)));
                 }
             }
             Event::Arrives(question) => self.arrives(question),

@@ -1,8 +1,10 @@
 //! Whether the service lives, whether it can work, and what it has done.
 
+use super::body;
 use crate::serve::{Problem, ShownWorker, State};
 use axum::Json;
-use axum::extract::State as Given;
+use axum::body::Body;
+use axum::extract::{Path, State as Given};
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
@@ -25,6 +27,24 @@ pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem>
 pub async fn workers(Given(state): Given<State>) -> Json<Value> {
     let runner = state.runner();
     Json(json!({ "workers": runner.workers(), "units_outstanding": runner.outstanding() }))
+}
+
+/// `POST /api/v1/workers/{key}/trust`: a worker in quarantine or at rest gets units again. The body says nothing.
+pub async fn trust(
+    Given(state): Given<State>,
+    Path(key): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
+    state
+        .blocking(move |state| {
+            if !state.runner().trust(&key)? {
+                return Err(Problem::missing(format!("worker {key:?} in quarantine or at rest")));
+            }
+            log::warn!("worker {key}: trusted again, as was asked for");
+            Ok(Json(json!({ "key": key })))
+        })
+        .await
 }
 
 /// `GET /metrics`, in Prometheus' text format.

@@ -3,7 +3,7 @@
 use super::request::{JobRequest, parse_priority};
 use super::{body, scenes};
 use crate::serve::auth::hex;
-use crate::serve::ledger::{Accepted, FrameRow, Job, JobState, NewJob, Totals};
+use crate::serve::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
 use crate::serve::{Demand, Problem, State};
 use axum::Json;
 use axum::body::Body;
@@ -124,18 +124,23 @@ pub fn check_demand(state: &State, demand: &Demand) -> Result<(), Problem> {
 }
 
 /// A job as answers show it.
-fn shown(job: &Job, totals: Totals, now: f64) -> Value {
-    let request = JobRequest::of(job);
+fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
+    let (totals, checks) = (state.ledger().totals(&job.id)?, state.ledger().checks(&job.id)?);
+    let (request, now) = (JobRequest::of(job), state.runner().share(&job.id));
     let Totals { units, units_done, share, .. } = totals;
+    let Checks { compared, keys, suspects } = checks;
+    let compared_share = compared as f64 / units_done.max(1) as f64;
     let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
-    json!({
+    Ok(json!({
         "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
         "spec": request.map(|request| request.spec),
         "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
         "created_ms": job.created_ms, "ended_ms": job.ended_ms, "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
-    })
+        "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
+        "suspects": suspects,
+    }))
 }
 
 pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
@@ -144,7 +149,7 @@ pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
 
 fn answer(state: &State, id: &str, status: StatusCode) -> Result<Response, Problem> {
     let job = find(state, id)?;
-    let body = Json(shown(&job, state.ledger().totals(id)?, state.runner().share(id)));
+    let body = Json(shown(state, &job)?);
     let location = format!("/api/v1/jobs/{id}");
     Ok((status, [(header::LOCATION, location)], body).into_response())
 }
@@ -172,10 +177,7 @@ pub async fn list(
         .blocking(move |state| {
             let jobs = state.ledger().jobs(wanted, cursor, most)?;
             let next = (jobs.len() == most).then(|| jobs.last().map(|job| job.seq)).flatten();
-            let each = |job: &Job| -> Result<Value, Problem> {
-                Ok(shown(job, state.ledger().totals(&job.id)?, state.runner().share(&job.id)))
-            };
-            let jobs = jobs.iter().map(each).collect::<Result<Vec<_>, _>>()?;
+            let jobs = jobs.iter().map(|job| shown(state, job)).collect::<Result<Vec<_>, _>>()?;
             Ok(Json(json!({ "jobs": jobs, "cursor": next })))
         })
         .await
@@ -186,7 +188,7 @@ pub async fn status(Given(state): Given<State>, Path(id): Path<String>) -> Resul
     state
         .blocking(move |state| {
             let job = find(state, &id)?;
-            let mut body = shown(&job, state.ledger().totals(&id)?, state.runner().share(&id));
+            let mut body = shown(state, &job)?;
             let frames: Vec<Value> = state.ledger().frames(&id)?.iter().map(shown_frame).collect();
             body["pictures"] = frames.into();
             Ok(Json(body))

@@ -45,6 +45,7 @@ pub fn router(state: State) -> Router {
         .route("/api/v1/jobs/{id}/frames/{file}", get(results::picture))
         .route("/api/v1/jobs/{id}/frames/{frame}/{file}", get(results::layer))
         .route("/api/v1/workers", get(health::workers))
+        .route("/api/v1/workers/{key}/trust", post(health::trust))
         .route("/api/v1/events", get(events::of_all))
         .route("/api/v1/query", post(query::query))
         .merge(live::router())

@@ -66,13 +66,14 @@ impl Ledger {
         })
     }
 
-    /// The finished job of the same request, if there is one.
+    /// The finished job of the same request, if there is one whose pictures hold no suspect's sums.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn known(&self, request_hash: &str) -> Result<Option<String>, LedgerError> {
         self.read(|connection| {
-            let find = "SELECT id FROM job WHERE request_hash = ?1 AND state = 'done' LIMIT 1";
+            let find = "SELECT id FROM job WHERE request_hash = ?1 AND state = 'done' \
+                AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) LIMIT 1";
             connection.query_row(find, [request_hash], |row| row.get(0)).optional()
         })
     }

@@ -1,6 +1,7 @@
 //! The record: which scenes, jobs, units and frames there are, and what has happened. It is an SQLite database in
 //! write-ahead mode, whose commits reach the disk before they are answered. Pixels lie in files beside it.
 
+mod checks;
 mod jobs;
 mod rows;
 mod schema;
@@ -9,7 +10,9 @@ mod tests;
 mod units;
 
 pub use jobs::Accepted;
-pub use rows::{Event, FrameRow, Job, JobState, NewJob, Rendering, Totals, UnitRow, UnitState, priority};
+pub use rows::{
+    Checks, Event, FrameRow, Job, JobState, NewJob, Pending, Rendering, Totals, UnitRow, UnitState, priority,
+};
 
 use super::failpoint;
 use rusqlite::{Connection, OpenFlags};

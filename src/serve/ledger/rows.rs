@@ -207,8 +207,6 @@ pub struct UnitRow {
     pub end: u32,
     /// What has become of it.
     pub state: UnitState,
-    /// How often it has failed.
-    pub attempts: u32,
     /// Who has rendered it.
     pub worker: Option<String>,
     /// The SHA-256 of its sums.
@@ -221,8 +219,7 @@ impl UnitRow {
         u64::from(BLOCK * BLOCK) * u64::from(self.blocks) * u64::from(self.end - self.first)
     }
 
-    pub(super) const COLUMNS: &str =
-        "frame, pass, number, block, blocks, first, end, state, attempts, worker, digest";
+    pub(super) const COLUMNS: &str = "frame, pass, number, block, blocks, first, end, state, worker, digest";
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let state = match row.get::<_, i64>(7)? {
@@ -239,11 +236,53 @@ impl UnitRow {
             first: row.get(5)?,
             end: row.get(6)?,
             state,
-            attempts: row.get(8)?,
-            worker: row.get(9)?,
-            digest: row.get(10)?,
+            worker: row.get(8)?,
+            digest: row.get(9)?,
         })
     }
+}
+
+/// A unit that is kept and is to be compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pending {
+    /// The unit, with the key of who has rendered it and the digest of its sums.
+    pub unit: UnitRow,
+    /// Its blocks.
+    pub blocks: Vec<u32>,
+    /// The worker's name.
+    pub name: String,
+}
+
+impl Pending {
+    pub(super) fn of(row: &Row<'_>, frame: u32) -> rusqlite::Result<Self> {
+        let list: Vec<u8> = row.get(5)?;
+        let (list, _) = list.as_chunks();
+        let blocks: Vec<u32> = list.iter().copied().map(u32::from_le_bytes).collect();
+        let unit = UnitRow {
+            frame,
+            pass: row.get::<_, i64>(0)? as u64,
+            number: row.get(1)?,
+            block: row.get(2)?,
+            blocks: blocks.len() as u32,
+            first: row.get(3)?,
+            end: row.get(4)?,
+            state: UnitState::Kept,
+            worker: row.get(6)?,
+            digest: row.get(8)?,
+        };
+        Ok(Self { unit, blocks, name: row.get(7)? })
+    }
+}
+
+/// How far a job's workers were checked.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checks {
+    /// Units whose sums two workers have made.
+    pub compared: u64,
+    /// Workers that took part in that.
+    pub keys: u32,
+    /// Names of workers that were found wrong later, and whose sums are in the job's pictures.
+    pub suspects: Vec<String>,
 }
 
 /// How a unit was rendered, as the coordinator saw it.

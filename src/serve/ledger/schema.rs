@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 2] = [FIRST, UNITS_OF_PASSES];
+const MIGRATIONS: [&str; 3] = [FIRST, UNITS_OF_PASSES, STRANGERS];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -104,6 +104,51 @@ const UNITS_OF_PASSES: &str = "
     ) WITHOUT ROWID;
 ";
 
+/// Workers are known by keys; frames have rounds; sums are named with what they are of, so loose ones are taken anew.
+/// Quarantines were of names, which anyone may take.
+const STRANGERS: &str = "
+    ALTER TABLE frame ADD COLUMN round INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE frame ADD COLUMN compared INTEGER NOT NULL DEFAULT 0;
+    UPDATE unit SET state = 0, worker = NULL, digest = NULL WHERE state = 1;
+    CREATE TABLE comparison (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        pass INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        block INTEGER NOT NULL,
+        first INTEGER NOT NULL,
+        end INTEGER NOT NULL,
+        list BLOB NOT NULL,
+        worker TEXT NOT NULL,
+        name TEXT NOT NULL,
+        digest TEXT NOT NULL,
+        PRIMARY KEY (job, frame, pass, number)
+    ) WITHOUT ROWID;
+    CREATE TABLE comparer (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        worker TEXT NOT NULL,
+        PRIMARY KEY (job, worker)
+    ) WITHOUT ROWID;
+    CREATE TABLE attempt (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        pass INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        worker TEXT NOT NULL,
+        PRIMARY KEY (job, frame, pass, number, worker)
+    ) WITHOUT ROWID;
+    CREATE TABLE suspect (
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        frame INTEGER NOT NULL,
+        worker TEXT NOT NULL,
+        name TEXT NOT NULL,
+        PRIMARY KEY (job, frame, worker)
+    ) WITHOUT ROWID;
+    DELETE FROM quarantine;
+    ALTER TABLE quarantine ADD COLUMN name TEXT NOT NULL DEFAULT '';
+    CREATE INDEX contributor_worker ON contributor (worker);
+";
+
 /// Brings the tables up to date.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), LedgerError> {
     let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
@@ -117,4 +162,11 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Le
         transaction.commit()?;
     }
     Ok(())
+}
+
+/// The tables of an older version.
+#[cfg(test)]
+pub(super) fn migrate_to(connection: &Connection, version: usize) -> Result<(), LedgerError> {
+    MIGRATIONS[..version].iter().try_for_each(|migration| connection.execute_batch(migration))?;
+    Ok(connection.pragma_update(None, "user_version", version as i64)?)
 }

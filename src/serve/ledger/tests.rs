@@ -28,7 +28,6 @@ fn unit(frame: u32, number: u32) -> UnitRow {
         first: 2 * number,
         end: 2 * number + 2,
         state: UnitState::Open,
-        attempts: 0,
         worker: None,
         digest: None,
     }
@@ -52,26 +51,26 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     drop(ledger);
     let ledger = Ledger::open(folder.path()).expect("the same ledger");
     assert_eq!(ledger.active(9).expect("jobs").len(), 1);
-    let units = || ledger.units_of("a1", 0).expect("units").1;
+    let units = || ledger.units_of("a1", 0).expect("units").2;
     assert_eq!(units(), [unit(0, 0), unit(0, 1)]);
     let by = |number| UnitRow { worker: Some("w".into()), digest: Some("d".into()), ..unit(0, number) };
     let rendering = Rendering { seconds: 0.5, samples: 512, deliveries: 2, ..Rendering::default() };
+    let keep = |number| ledger.keep_unit("a1", by(number), "w", rendering, None).expect("a ledger");
     let share = || ledger.totals("a1").expect("totals").share;
-    assert!(ledger.keep_unit("a1", by(0), rendering).expect("kept"));
-    assert!(!ledger.keep_unit("a1", by(0), rendering).expect("kept before"));
+    assert!(keep(0));
+    assert!(!keep(0), "kept before");
     assert_eq!(share(), 0.125);
-    assert!(ledger.keep_unit("a1", by(1), rendering).expect("kept"));
-    assert_eq!(ledger.reopen_unit("a1", units()[1].clone()).expect("again"), 1);
+    assert!(keep(1));
+    ledger.reopen_unit("a1", &units()[1]).expect("again");
     assert_eq!((units()[0].state, units()[1].state), (UnitState::Kept, UnitState::Open));
-    assert!(ledger.keep_unit("a1", by(1), rendering).expect("kept again"));
+    assert!(keep(1), "kept again");
     ledger.fold("a1", 0, 7).expect("folded");
-    let (sums, rows) = ledger.units_of("a1", 0).expect("units");
-    assert_eq!((sums, rows.len(), rows[0].number, rows[0].state), (7, 1, 1, UnitState::Folded));
+    let (round, sums, rows) = ledger.units_of("a1", 0).expect("units");
+    assert_eq!((round, sums, rows.len(), rows[0].number, rows[0].state), (0, 7, 1, 1, UnitState::Folded));
     let totals = ledger.totals("a1").expect("totals");
     assert_eq!((totals.units, totals.units_done, totals.share), (2, 2, 0.25));
-    assert_eq!(ledger.frames_of_worker("w").expect("frames"), [("a1".into(), 0)]);
     ledger.begin_anew("a1", 0).expect("begun");
-    assert_eq!((ledger.units_of("a1", 0).expect("units"), share()), ((0, vec![]), 0.0));
+    assert_eq!((ledger.units_of("a1", 0).expect("units"), share()), ((1, 0, vec![]), 0.0));
     assert_eq!(ledger.open_frames("a1", 9).expect("frames"), [0, 1]);
     for number in 0..2 {
         let hash = Some(format!("hash {number}"));
@@ -133,4 +132,108 @@ fn a_clock_that_is_set_back_delays_no_call() {
     // An hour is what the longest pause lasts; a year is the clock's doing.
     ledger.called("a1", Some(365 * 24 * 3_600_000)).expect("the clock was a year ahead");
     assert_eq!(ledger.due_calls().expect("calls"), [("a1".into(), 2)]);
+}
+
+/// A job of two frames, planned.
+fn planned(ledger: &Ledger, id: &str) {
+    assert_eq!(ledger.accept(new(id, None), 9).expect("accepted"), Accepted::New);
+    ledger.plan(id, vec![Frame::new(0, ""), Frame::new(1, "")], 8).expect("planned");
+    ledger.add_units(id, vec![unit(0, 0), unit(0, 1), unit(1, 0)]).expect("cut");
+}
+
+fn finish(ledger: &Ledger, id: &str, number: u32) {
+    let row = FrameRow { number, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    ledger.finish_frame(id, row).expect("finished");
+}
+
+#[test]
+fn comparisons_outlive_the_process_and_are_counted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    planned(&ledger, "a1");
+    let row = UnitRow { worker: Some("K".into()), digest: Some("d".into()), ..unit(0, 1) };
+    let blocks = vec![7, 1 << 30];
+    assert!(
+        ledger.keep_unit("a1", row.clone(), "w", Rendering::default(), Some(blocks.clone())).expect("kept")
+    );
+    ledger.fold("a1", 0, 1).expect("folded");
+    drop(ledger);
+    let ledger = Ledger::open(folder.path()).expect("the same ledger");
+    let pending = ledger.pending("a1", 0).expect("pending");
+    let expected = UnitRow { blocks: 2, state: UnitState::Kept, ..row.clone() };
+    assert_eq!(pending, [Pending { unit: expected, blocks, name: "w".into() }]);
+    assert!(ledger.pending("a1", 1).expect("pending").is_empty());
+    for _ in 0..2 {
+        ledger.end_comparison("a1", &row, ["K".into(), "L".into()]).expect("ended once");
+    }
+    assert!(ledger.pending("a1", 0).expect("pending").is_empty());
+    assert_eq!(ledger.checks("a1").expect("checks"), Checks { compared: 1, keys: 2, suspects: vec![] });
+}
+
+#[test]
+fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    for id in ["a1", "b1", "c1"] {
+        planned(&ledger, id);
+        let worker = if id == "c1" { "honest" } else { "liar" };
+        let row = UnitRow { worker: Some(worker.into()), digest: Some("d".into()), ..unit(0, 0) };
+        assert!(ledger.keep_unit(id, row, worker, Rendering::default(), None).expect("kept"));
+        finish(&ledger, id, 0);
+    }
+    finish(&ledger, "a1", 1);
+    assert_eq!(ledger.known("hash of a").expect("a ledger"), Some("a1".into()));
+    // The job that goes on loses a picture, and the one that has ended is suspect.
+    let anew = ledger.quarantine("liar", "w1", "it lies").expect("quarantined");
+    assert_eq!(anew, [("b1".into(), 0)]);
+    ledger.begin_anew("b1", 0).expect("begun");
+    assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);
+    let suspects = |id: &str| ledger.checks(id).expect("checks").suspects;
+    assert_eq!((suspects("a1"), suspects("b1"), suspects("c1")), (vec!["w1".into()], vec![], vec![]));
+    assert_eq!(ledger.known("hash of a").expect("a ledger"), None, "it answers no other request");
+    let last = ledger.events(Some("a1"), 0, 99).expect("events").pop().expect("one");
+    assert_eq!((&*last.kind, last.data.contains("w1")), ("suspect", true));
+    assert_eq!(ledger.quarantined().expect("one"), [("liar".into(), "w1".into(), "it lies".into())]);
+    assert!(
+        ledger.trust("liar").expect("trusted") && !ledger.trust("liar").expect("it is not there any more")
+    );
+    assert!(ledger.quarantined().expect("none").is_empty());
+    assert_eq!(suspects("a1"), ["w1"], "what it has sent stays suspect");
+}
+
+#[test]
+fn attempts_are_those_of_different_workers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    planned(&ledger, "a1");
+    let tried = |worker| ledger.note_attempt("a1", &unit(0, 0), worker).expect("noted");
+    assert_eq!(["v", "w", "v", "v", "x"].map(tried), [1, 2, 2, 2, 3]);
+    ledger.forgive("a1").expect("forgiven");
+    assert_eq!(tried("v"), 1);
+}
+
+#[test]
+fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(FILE);
+    let connection = Connection::open(&path).expect("a database");
+    schema::migrate_to(&connection, 2).expect("the tables of version 2");
+    connection
+        .execute_batch(
+            "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, created_ms, planned) VALUES
+                 ('a1', 'running', '{}', 'h', '{\"size\":[4,4],\"spp\":8,\"frames\":1,\"kind\":\"samples\"}', 's',
+                  'normal', 1, 1);
+             INSERT INTO frame (job, number, name) VALUES ('a1', 0, '');
+             INSERT INTO unit (job, frame, pass, number, block, blocks, first, end, state, worker, digest)
+                 VALUES ('a1', 0, 0, 0, 0, 1, 0, 2, 1, 'w', 'd'), ('a1', 0, 0, 1, 0, 1, 2, 4, 2, 'w', 'd');
+             INSERT INTO quarantine VALUES ('w', 'why', 1);",
+        )
+        .expect("rows");
+    drop(connection);
+    let ledger = Ledger::open(folder.path()).expect("it is brought up to date");
+    let (round, _, units) = ledger.units_of("a1", 0).expect("units");
+    let states: Vec<UnitState> = units.iter().map(|unit| unit.state).collect();
+    assert_eq!((round, states), (0, vec![UnitState::Open, UnitState::Folded]));
+    assert!(ledger.quarantined().expect("names are no keys").is_empty());
+    assert_eq!(ledger.active(9).expect("jobs").len(), 1);
 }

@@ -44,20 +44,22 @@ impl Ledger {
         })
     }
 
-    /// The number of the frame's file of sums, 0 if it has none, and the units whose rows are there.
+    /// How often the frame has begun anew, the number of its file of sums, 0 if it has none, and the units whose rows
+    /// are there.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn units_of(&self, job: &str, frame: u32) -> Result<(u64, Vec<UnitRow>), LedgerError> {
+    pub fn units_of(&self, job: &str, frame: u32) -> Result<(u32, u64, Vec<UnitRow>), LedgerError> {
         self.read(|connection| {
-            let sums = "SELECT sums FROM frame WHERE job = ?1 AND number = ?2";
-            let sums: i64 = connection.query_row(sums, params![job, frame], |row| row.get(0))?;
+            let sums = "SELECT round, sums FROM frame WHERE job = ?1 AND number = ?2";
+            let (round, sums): (u32, i64) =
+                connection.query_row(sums, params![job, frame], |row| Ok((row.get(0)?, row.get(1)?)))?;
             let mut select = connection.prepare_cached(&format!(
                 "SELECT {} FROM unit WHERE job = ?1 AND frame = ?2 ORDER BY pass, number",
                 UnitRow::COLUMNS
             ))?;
             let rows = select.query_map(params![job, frame], UnitRow::of)?;
-            Ok((sums as u64, rows.collect::<rusqlite::Result<_>>()?))
+            Ok((round, sums as u64, rows.collect::<rusqlite::Result<_>>()?))
         })
     }
 
@@ -93,14 +95,22 @@ impl Ledger {
         })
     }
 
-    /// Writes down that the sums of a unit are on the disk. False if they were before.
+    /// Writes down that the sums of a unit are on the disk, and by whom (`name`); with `blocks`, those of the unit, that
+    /// they are to be compared. False if they were there before.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn keep_unit(&self, job: &str, unit: UnitRow, rendering: Rendering) -> Result<bool, LedgerError> {
-        let job = job.to_owned();
+    pub fn keep_unit(
+        &self,
+        job: &str,
+        unit: UnitRow,
+        name: &str,
+        rendering: Rendering,
+        blocks: Option<Vec<u32>>,
+    ) -> Result<bool, LedgerError> {
+        let (job, name) = (job.to_owned(), name.to_owned());
         self.change(move |transaction| {
-            let UnitRow { frame, pass, number, worker, digest, .. } = unit;
+            let UnitRow { frame, pass, number, worker, digest, block, first, end, .. } = unit;
             let update = "UPDATE unit SET state = 1, worker = ?5, digest = ?6, seconds = ?7 \
                 WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4 AND state = 0";
             let key = params![job, frame, pass as i64, number, worker, digest, rendering.seconds];
@@ -109,9 +119,17 @@ impl Ledger {
             }
             let insert = "INSERT OR IGNORE INTO contributor (job, frame, worker) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![job, frame, worker])?;
+            if let Some(blocks) = blocks {
+                let list: Vec<u8> = blocks.iter().flat_map(|block| block.to_le_bytes()).collect();
+                transaction.execute(
+                    "INSERT INTO comparison (job, frame, pass, number, block, first, end, list, worker, name, digest) \
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+                    params![job, frame, pass as i64, number, block, first, end, list, worker, name, digest],
+                )?;
+            }
             let totals = totals(transaction, &job)?;
             let data = json!({
-                "frame": frame, "pass": pass, "number": number, "worker": worker, "rendering": rendering,
+                "frame": frame, "pass": pass, "number": number, "worker": name, "rendering": rendering,
                 "progress": totals,
             });
             note(transaction, &job, "unit", &data)?;
@@ -137,86 +155,21 @@ impl Ledger {
         })
     }
 
-    /// Forgets all units of a frame: it begins anew.
+    /// Forgets all units of a frame, and its picture: it begins anew, in another round.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn begin_anew(&self, job: &str, frame: u32) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            transaction.execute("DELETE FROM unit WHERE job = ?1 AND frame = ?2", params![job, frame])?;
-            transaction
-                .execute("DELETE FROM contributor WHERE job = ?1 AND frame = ?2", params![job, frame])?;
-            let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0 \
-                WHERE job = ?1 AND number = ?2 AND hash IS NULL";
+            for table in ["unit", "contributor", "comparison", "attempt"] {
+                let delete = format!("DELETE FROM {table} WHERE job = ?1 AND frame = ?2");
+                transaction.execute(&delete, params![job, frame])?;
+            }
+            let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0, compared = 0, round = round + 1, \
+                hash = NULL, layers = NULL, metadata = NULL WHERE job = ?1 AND number = ?2";
             transaction.execute(update, params![job, frame])?;
             Ok(())
-        })
-    }
-
-    /// Writes down that a unit failed, or that its sums were lost. Returns how often it has.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn reopen_unit(&self, job: &str, unit: UnitRow) -> Result<u32, LedgerError> {
-        let job = job.to_owned();
-        self.change(move |transaction| {
-            let UnitRow { frame, pass, number, .. } = unit;
-            let update = "UPDATE unit SET state = 0, attempts = attempts + 1 \
-                WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4 RETURNING attempts";
-            let key = params![job, frame, pass as i64, number];
-            transaction.query_row(update, key, |row| row.get(0))
-        })
-    }
-
-    /// Lets all units of a job be tried as often as new ones.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn forgive(&self, job: &str) -> Result<(), LedgerError> {
-        let job = job.to_owned();
-        self.change(move |transaction| {
-            transaction.execute("UPDATE unit SET attempts = 0 WHERE job = ?1", [job])?;
-            Ok(())
-        })
-    }
-
-    /// Writes down that a worker may take no more units, and why.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn quarantine(&self, worker: &str, reason: &str) -> Result<(), LedgerError> {
-        let (worker, reason) = (worker.to_owned(), reason.to_owned());
-        self.change(move |transaction| {
-            let insert = "INSERT OR IGNORE INTO quarantine (worker, reason, time_ms) VALUES (?1, ?2, ?3)";
-            transaction.execute(insert, params![worker, reason, now_ms()])?;
-            Ok(())
-        })
-    }
-
-    /// The workers that may take no units, and why.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn quarantined(&self) -> Result<Vec<(String, String)>, LedgerError> {
-        self.read(|connection| {
-            let mut select = connection.prepare_cached("SELECT worker, reason FROM quarantine")?;
-            select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
-        })
-    }
-
-    /// Frames without a picture in which a worker has rendered units, with their jobs.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn frames_of_worker(&self, worker: &str) -> Result<Vec<(String, u32)>, LedgerError> {
-        self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT contributor.job, frame FROM contributor JOIN frame \
-                 ON frame.job = contributor.job AND frame.number = contributor.frame \
-                 WHERE frame.hash IS NULL AND worker = ?1",
-            )?;
-            select.query_map([worker], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         })
     }
 

@@ -2,9 +2,7 @@
 
 use super::tests::{PATIENCE, stage};
 use super::{Frame, LiveView, Pose, Reply, Request, TileScene, WorkerShare, Workforce};
-use crate::farm::{
-    LEASE, LiveAnswer, LiveAsk, LiveDesk, LiveReply, LiveScene, LocalBus, QUEUED_UNITS, WorkBus,
-};
+use crate::farm::{LiveAnswer, LiveAsk, LiveDesk, LiveReply, LiveScene, LocalBus, WorkBus};
 use glam::Vec3;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, channel};
@@ -45,7 +43,7 @@ impl Shared {
     fn new(workers: usize) -> Self {
         let stage = stage(1);
         let stage = stage.with_settings(crate::render::Settings::new(96, 96).with_spp(1).with_max_bounces(2));
-        let bus: Arc<dyn WorkBus> = Arc::new(LocalBus::new(LEASE, QUEUED_UNITS));
+        let bus: Arc<dyn WorkBus> = Arc::new(LocalBus::default());
         let hand = || {
             let scene = TileScene::new(&stage.prepared, &stage.service);
             let (is_dead, kept, asked) = (AtomicBool::new(false), Mutex::default(), Mutex::default());
@@ -56,8 +54,8 @@ impl Shared {
             .iter()
             .enumerate()
             .map(|(number, hand)| {
-                let address = bus.listen(Arc::clone(hand) as Arc<dyn LiveDesk>).expect("an address");
-                (format!("w{number}"), address)
+                bus.listen(Arc::clone(hand) as Arc<dyn LiveDesk>).expect("it listens");
+                (format!("w{number}"), number.to_string())
             })
             .collect();
         let scene = LiveScene { sha256: "0".repeat(64), entry: None, identity: "i".into() };

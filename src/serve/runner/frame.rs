@@ -7,13 +7,12 @@
 use super::decisions::{MOST_FILES, PassUnits, Sizes, Speed, is_to_be_folded};
 use super::results;
 use super::task::Failure;
-use crate::farm::{FinishedUnit, UnitId};
+use crate::farm::{self, FinishedUnit, UnitId};
 use crate::files::{self, sync_folder};
 use crate::picture::FrameSum;
 use crate::render::Patch;
 use crate::serve::ledger::{Ledger, Rendering, UnitRow, UnitState};
-use crate::serve::{OpenJob, failpoint, hex};
-use sha2::{Digest, Sha256};
+use crate::serve::{OpenJob, failpoint};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
@@ -27,6 +26,8 @@ const SUMS: &str = "sums-";
 pub(super) struct OpenFrame {
     pub job: String,
     pub frame: u32,
+    /// How often it has begun anew.
+    pub round: u32,
     folder: PathBuf,
     /// What its patches must be of.
     identity: String,
@@ -56,20 +57,31 @@ pub(super) enum Kept {
     New { samples: u64, is_complete: bool },
     /// It was there before, or its pass has ended.
     Before,
+    /// It is of another picture: scene, options or program differ.
+    Foreign,
     /// It is not what was asked for.
     Wrong(String),
 }
 
+/// Who has rendered a unit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct By<'a> {
+    pub key: &'a str,
+    pub name: &'a str,
+    /// Whether another worker is to render the unit, too.
+    pub is_compared: bool,
+}
+
 /// What is known of the lease of a unit whose sums come.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Leased {
+pub(super) struct LeasedFor {
     /// When its worker was told to render it. An earlier process of the coordinator may have told it.
     pub began: Option<Instant>,
     /// How often it was leased.
     pub deliveries: u64,
 }
 
-impl Leased {
+impl LeasedFor {
     /// When a unit was begun and when its sums came, in milliseconds since 1970 by this machine's clock.
     fn times(self, came: Instant, seconds: f64) -> (f64, f64) {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
@@ -90,7 +102,7 @@ impl OpenFrame {
         most_files: Option<usize>,
     ) -> Result<Self, Failure> {
         std::fs::create_dir_all(&folder)?;
-        let (sums, units) = ledger.units_of(job, frame)?;
+        let (round, sums, units) = ledger.units_of(job, frame)?;
         let saved = match sums {
             0 => None,
             sums => match std::fs::read(folder.join(format!("{SUMS}{sums}"))) {
@@ -115,7 +127,7 @@ impl OpenFrame {
         let identity = shots.identity(frame).map_err(Failure::Job)?;
         let most_files = most_files.unwrap_or(MOST_FILES);
         let (job, state) = (job.to_owned(), Mutex::new(state));
-        let own = Self { job, frame, folder, identity, shots, most_files, state };
+        let own = Self { job, frame, round, folder, identity, shots, most_files, state };
         own.restore(ledger, units)?;
         own.tidy(sums);
         Ok(own)
@@ -128,10 +140,10 @@ impl OpenFrame {
         for mut unit in units {
             if unit.state == UnitState::Kept {
                 let path = self.unit_path(unit.pass, unit.number, unit.digest.as_deref().unwrap_or_default());
-                let added = state.restore_unit(&unit, &path);
+                let added = state.restore_unit(&self.id(&unit), &unit, &path);
                 if let Err(error) = added {
                     log::warn!("{}: {error}; its samples are rendered again", path.display());
-                    ledger.reopen_unit(&self.job, unit.clone())?;
+                    ledger.reopen_unit(&self.job, &unit)?;
                     unit.state = UnitState::Open;
                 }
             }
@@ -171,7 +183,8 @@ impl OpenFrame {
 
     /// The name of one of its units.
     pub fn id(&self, unit: &UnitRow) -> UnitId {
-        UnitId { job: self.job.clone(), frame: self.frame, pass: unit.pass, number: unit.number, copy: 0 }
+        let (job, frame, round) = (self.job.clone(), self.frame, self.round);
+        UnitId { job, frame, round, pass: unit.pass, number: unit.number, copy: 0 }
     }
 
     /// Takes a unit that is to be offered: one that was cut before, or a new one, which the ledger must get to know.
@@ -188,6 +201,11 @@ impl OpenFrame {
     /// Lets the frame be opened again: memory and ledger may differ.
     pub fn break_off(&self) {
         self.state.lock().expect("no holder panics").is_broken = true;
+    }
+
+    /// Whether a worker's frame is the same.
+    pub fn is_of(&self, identity: &str) -> bool {
+        self.identity == identity
     }
 
     /// Forgets all of its units, whose sums may be wrong.
@@ -207,13 +225,6 @@ impl OpenFrame {
         self.state.try_lock().is_ok_and(|state| !state.is_broken && state.gathering.is_complete())
     }
 
-    /// Lets a unit be offered again, if it has no sums.
-    pub fn put_back(&self, pass: u64, number: u32) {
-        let mut state = self.state();
-        let pass = state.passes.iter_mut().find(|own| own.number == pass);
-        pass.into_iter().for_each(|pass| pass.put_back(number));
-    }
-
     /// The unit and its blocks, if it has no sums yet. `Err` if the frame is busy.
     pub fn find(&self, pass: u64, number: u32) -> Result<Option<(UnitRow, Vec<u32>)>, ()> {
         let state = self.state.try_lock().map_err(|_| ())?;
@@ -226,19 +237,34 @@ impl OpenFrame {
     /// render it, if that is known, and how often it was leased.
     ///
     /// Files of several units are written at the same time: the frame is locked before and after, not meanwhile.
-    pub fn keep(&self, ledger: &Ledger, finished: FinishedUnit, lease: Leased) -> Result<Kept, Failure> {
+    pub fn keep(
+        &self,
+        ledger: &Ledger,
+        finished: FinishedUnit,
+        by: By<'_>,
+        lease: LeasedFor,
+    ) -> Result<Kept, Failure> {
         let came = Instant::now();
-        let FinishedUnit { unit: id, worker, identity, digest, seconds, opening_s, sums } = finished;
+        let FinishedUnit { held, identity, blocks: rendered, samples, digest, seconds, opening_s, sums } =
+            finished;
+        let id = held.unit;
+        if id.round != self.round {
+            return Ok(Kept::Before);
+        }
         let (mut unit, blocks) = match self.state().wanted(&id)? {
             Ok(wanted) => wanted,
             Err(kept) => return Ok(kept),
         };
-        if identity != self.identity {
-            return Ok(Kept::Wrong("it is of another picture: scene, options or program differ".into()));
+        if !self.is_of(&identity) {
+            return Ok(Kept::Foreign);
         }
-        if hex(&Sha256::digest(&*sums)) != digest {
+        if rendered != blocks || samples != (unit.first..unit.end) {
+            return Ok(Kept::Wrong("it has other blocks or samples than the unit".into()));
+        }
+        if farm::digest(&id, &blocks, &samples, &sums) != digest {
             return Ok(Kept::Wrong("its sums are damaged: their SHA-256 is another".into()));
         }
+        let compared = by.is_compared.then(|| blocks.clone());
         let samples = unit.samples();
         let patch = Patch::new(blocks, unit.first..unit.end, std::sync::Arc::unwrap_or_clone(sums));
         let path = self.unit_path(unit.pass, unit.number, &digest);
@@ -256,12 +282,12 @@ impl OpenFrame {
             results::remove(&path);
             return Ok(Kept::Wrong(error.to_string()));
         }
-        (unit.worker, unit.digest) = (Some(worker), Some(digest));
+        (unit.worker, unit.digest) = (Some(by.key.to_owned()), Some(digest));
         let (began_ms, came_ms) = lease.times(came, seconds);
         let (blocks, bytes, deliveries) = (unit.blocks, patch.sums().len() as u64, lease.deliveries);
         let rendering =
             Rendering { began_ms, came_ms, seconds, opening_s, blocks, samples, bytes, deliveries };
-        let is_known = ledger.keep_unit(&self.job, unit, rendering);
+        let is_known = ledger.keep_unit(&self.job, unit, by.name, rendering, compared);
         if !matches!(is_known, Ok(true)) {
             // The sums in memory have what the ledger does not know of.
             state.is_broken = true;
@@ -321,13 +347,17 @@ impl FrameState {
     }
 
     /// Adds the sums of a unit from its file.
-    fn restore_unit(&mut self, unit: &UnitRow, path: &Path) -> Result<(), String> {
+    fn restore_unit(&mut self, id: &UnitId, unit: &UnitRow, path: &Path) -> Result<(), String> {
         let pass = self.passes.iter().find(|own| own.number == unit.pass).ok_or("its pass is not open")?;
         let sums = std::fs::read(path).map_err(|error| error.to_string())?;
-        if !pass.has_blocks(unit) || unit.digest.as_deref() != Some(&*hex(&Sha256::digest(&sums))) {
+        if !pass.has_blocks(unit) {
+            return Err("its pass has other blocks".into());
+        }
+        let (blocks, samples) = (pass.blocks_of(unit), unit.first..unit.end);
+        if unit.digest.as_deref() != Some(&*farm::digest(id, &blocks, &samples, &sums)) {
             return Err("it is damaged".into());
         }
-        let patch = Patch::new(pass.blocks_of(unit), unit.first..unit.end, sums);
+        let patch = Patch::new(blocks, samples, sums);
         self.gathering.add(unit.pass, &patch).map_err(|error| error.to_string())?;
         self.loose_bytes += patch.sums().len() as u64;
         self.loose.push(path.to_owned());

@@ -1,31 +1,35 @@
 //! Works on jobs: plans them, lets workers render their units, and adds up what comes back.
 //!
 //! ```text
-//! planner: jobs ─▶ open frames ─▶ units ─▶ WorkBus ─▶ workers      tasks: plan, open, finish a frame
-//!                       ▲                                 │
-//!                       └── desk: sums on the disk, in the ledger, in memory ◀┘
+//! planner: jobs ─▶ open frames ─▶ units ─▶ desk, lending ─▶ workers      tasks: plan, open, finish a frame
+//!                       ▲                                       │
+//!                       └── verdicts: sums on the disk, in the ledger, in memory ◀┘
 //! ```
 //!
 //! A unit is a piece of a frame's pass. The ledger is the record: whatever ends the process, a bus or a worker, units
-//! without sums are offered again, and no sample is counted twice (`frame.rs`). Without a bus of many machines the
+//! without sums are given out again, and no sample is counted twice (`frame.rs`). Without a bus of many machines the
 //! workers are threads of this process, and everything else is the same.
 
 pub mod decisions;
 mod desk;
 mod files;
 mod frame;
+mod judge;
+mod lending;
 mod planner;
 mod results;
 mod task;
+mod verdicts;
 mod workers;
 
 pub use results::PICTURE;
 pub use workers::ShownWorker;
 
-use super::ledger::{Job, Ledger, UnitRow};
+use super::auth::Secret;
+use super::ledger::{Job, Ledger, LedgerError};
 use super::live::Workforce;
 use super::store::Store;
-use super::{Limits, RenderBackend, SceneReader};
+use super::{Limits, RenderBackend, SceneReader, is_sha256};
 use crate::farm::{
     LEASE, LiveScene, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions,
 };
@@ -33,10 +37,11 @@ use crate::schedule::Priority;
 use decisions::{Sizes, Speed, TASK_THREADS};
 use files::SceneFiles;
 use frame::OpenFrame;
+use lending::{Comparison, Outstanding};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use task::{Task, TaskKey};
@@ -71,6 +76,7 @@ impl std::fmt::Debug for FarmOptions {
 pub struct Runner {
     pub(super) ledger: Arc<Ledger>,
     pub(super) store: Arc<Store>,
+    secret: Secret,
     pub(super) reader: SceneReader,
     pub(super) limits: Limits,
     farm: FarmOptions,
@@ -78,8 +84,6 @@ pub struct Runner {
     /// What renders in this process.
     own: Option<Arc<Worker>>,
     files: SceneFiles,
-    /// The round of the next offer. No two are the same, those of an earlier process included.
-    rounds: AtomicU32,
     state: Mutex<State>,
     changed: Condvar,
     queued: Mutex<VecDeque<(Job, Task, Arc<UnitWatch>)>>,
@@ -92,15 +96,21 @@ pub struct Runner {
 #[derive(Default)]
 struct State {
     runs: HashMap<String, Run>,
-    /// Units that have been offered and have not come back.
+    /// Units that workers may have, or have.
     outstanding: HashMap<UnitId, Outstanding>,
     /// Units that a second worker is to render.
     comparisons: VecDeque<Comparison>,
     workers: Workers,
+    /// Scenes of views, each for as long as its view is open.
+    views: Vec<(String, Weak<()>)>,
     /// Whether open frames have fewer units than are wanted.
     is_short: bool,
-    /// When the bus was last asked what it holds.
-    reconciled: Option<Instant>,
+    /// The place of the next unit among those that workers may have.
+    offered: u64,
+    /// Whether a worker has asked for a unit in vain since the bell was last rung.
+    is_hungry: bool,
+    /// When silent workers were last looked for.
+    swept: Option<Instant>,
     /// Counts calls of [`Runner::wake`].
     wakes: u64,
 }
@@ -120,33 +130,6 @@ struct Run {
     rests_until: Option<Instant>,
 }
 
-/// A unit that has been offered.
-struct Outstanding {
-    changed: Instant,
-    /// How often it was leased, as far as this process knows.
-    deliveries: u64,
-    holder: Option<Holder>,
-    /// What another worker has made of it.
-    compared: Option<Comparison>,
-}
-
-/// Who has a unit.
-struct Holder {
-    worker: String,
-    seen: Instant,
-}
-
-/// A unit that two workers render.
-#[derive(Clone, Debug)]
-struct Comparison {
-    /// Its name as a second rendering.
-    id: UnitId,
-    row: UnitRow,
-    blocks: Vec<u32>,
-    worker: String,
-    digest: String,
-}
-
 impl std::fmt::Debug for Runner {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Runner").field("limits", &self.limits).finish_non_exhaustive()
@@ -159,8 +142,7 @@ impl Runner {
     /// # Errors
     /// If the system refuses a thread.
     pub fn start(
-        ledger: Arc<Ledger>,
-        store: Arc<Store>,
+        (ledger, store, secret): (Arc<Ledger>, Arc<Store>, Secret),
         backend: Arc<RenderBackend>,
         limits: Limits,
         farm: FarmOptions,
@@ -175,25 +157,23 @@ impl Runner {
                 idle: None,
                 // Views of this process have its threads anyway.
                 is_live: false,
-                corrupt: false,
+                mischief: None,
             };
             let scenes = Arc::new(StoredScenes(Arc::clone(&store)));
             Worker::new(options, Arc::clone(&bus), scenes, SceneReader::new(Arc::clone(&backend), limits))
         });
         let quarantined = ledger.quarantined().map_err(std::io::Error::other)?;
         let state = State { workers: Workers::new(quarantined), ..State::default() };
-        let mut first_round = [0; 4];
-        getrandom::fill(&mut first_round).map_err(std::io::Error::other)?;
         let runner = Arc::new(Self {
             ledger,
             store,
+            secret,
             reader: SceneReader::new(backend, limits),
             limits,
             farm,
             bus,
             own,
             files: SceneFiles::default(),
-            rounds: AtomicU32::new(u32::from_le_bytes(first_round)),
             state: Mutex::new(state),
             changed: Condvar::new(),
             queued: Mutex::default(),
@@ -234,12 +214,6 @@ impl Runner {
     fn sizes(&self, at_once: usize) -> Sizes {
         let is_local = self.own.is_some();
         Sizes { samples: self.limits.unit_samples, random: self.farm.random_units, at_once, is_local }
-    }
-
-    /// How long a unit's holder may be silent before it counts as gone: less than a lease, so that whoever gets the
-    /// unit next may render it.
-    fn silence(&self) -> Duration {
-        self.bus.lease_time() / 2
     }
 
     /// Tells that there may be something to do.
@@ -283,12 +257,29 @@ impl Runner {
     /// Workers on other machines for a view of a scene, if this process is a coordinator.
     pub fn workforce(self: &Arc<Self>, scene: LiveScene) -> Option<Workforce> {
         self.farm.bus.as_ref()?;
-        let own = Arc::downgrade(self);
+        let (own, view) = (Arc::downgrade(self), Arc::new(()));
+        let mut state = self.state();
+        state.views.retain(|(_, view)| view.strong_count() > 0);
+        state.views.push((scene.sha256.clone(), Arc::downgrade(&view)));
+        drop(state);
         let workers = move || {
+            // Workers may fetch the scene for as long as this is held.
+            let _is_open = &view;
             let runner = own.upgrade();
             runner.map_or_else(Vec::new, |runner| runner.state().workers.live(runner.bus.lease_time()))
         };
         Some(Workforce::new(Arc::clone(&self.bus), scene, workers))
+    }
+
+    /// Whether workers may have the files of a scene: one that was uploaded, of a job that runs or of an open view.
+    fn is_shared(&self, scene: &str) -> bool {
+        let is_wanted = || {
+            let state = self.state();
+            let is_run = |run: &Run| planner::is_active(run.job.state) && run.job.scene == scene;
+            let is_viewed = |(own, view): &(String, Weak<()>)| own == scene && view.strong_count() > 0;
+            state.runs.values().any(is_run) || state.views.iter().any(is_viewed)
+        };
+        is_sha256(scene) && is_wanted() && self.ledger.scene(scene).is_ok_and(|bytes| bytes.is_some())
     }
 
     /// The workers, by name.
@@ -296,7 +287,16 @@ impl Runner {
         self.state().workers.shown(LEASE)
     }
 
-    /// The number of units that have been offered and have not come back.
+    /// Lets a worker take units again, by its key. False if it was neither in quarantine nor at rest.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn trust(&self, key: &str) -> Result<bool, LedgerError> {
+        let was_quarantined = self.ledger.trust(key)?;
+        Ok(self.state().workers.trust(key) || was_quarantined)
+    }
+
+    /// The number of units that workers may have, or have.
     pub fn outstanding(&self) -> usize {
         self.state().outstanding.len()
     }
@@ -331,4 +331,11 @@ impl SceneSource for StoredScenes {
     fn counts(&self) -> (u64, u64) {
         (0, 0)
     }
+
+    fn folder(&self, _: &str) -> Option<PathBuf> {
+        None
+    }
+
+    /// The service's own scenes are what others are compared with.
+    fn discard(&self, _: &str) {}
 }

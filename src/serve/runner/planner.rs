@@ -1,10 +1,11 @@
-//! Decides what is done next: which frames are open, which units are offered, which are offered again.
+//! Decides what is done next: which frames are open, which units workers may have.
 
 use super::decisions::{self, Candidate, PLANNER_PAUSE, Share, Sizes, UnitRow};
 use super::frame::OpenFrame;
+use super::lending::{Comparison, Outstanding};
 use super::task::{Task, TaskKey};
-use super::{NAP, Outstanding, Run, Runner, State, UNITS_IN_FLIGHT};
-use crate::farm::{Backlog, Lane, Offered, Unit, UnitId, UnitWatch};
+use super::{NAP, Run, Runner, State, UNITS_IN_FLIGHT};
+use crate::farm::{Unit, UnitId, UnitWatch};
 use crate::schedule::Priority;
 use crate::serve::Kind;
 use crate::serve::api::JobRequest;
@@ -17,10 +18,7 @@ use std::time::{Duration, Instant};
 /// Active jobs that are looked at for the next unit.
 const LOOKED_AT: usize = 64;
 
-/// How often the bus is asked what it holds.
-const RECONCILE: Duration = Duration::from_millis(500);
-
-/// A unit that is about to be offered.
+/// A unit that workers are about to be allowed to have.
 struct Offer {
     id: UnitId,
     job: Job,
@@ -28,6 +26,7 @@ struct Offer {
     blocks: Vec<u32>,
     frame: Option<Arc<OpenFrame>>,
     is_new: bool,
+    compared: Option<Comparison>,
 }
 
 impl Runner {
@@ -57,12 +56,11 @@ impl Runner {
             self.give_tasks(job)?;
         }
         self.offer_units()?;
-        self.reconcile();
+        self.sweep();
         Ok(())
     }
 
-    /// Takes note of jobs. Those that are not active any more are forgotten; what the bus has of them is skipped when a
-    /// worker asks.
+    /// Takes note of jobs. Those that are not active any more are forgotten; workers stop their units when they report.
     fn note_jobs(&self, jobs: &[Job]) {
         let state = &mut *self.state();
         let active: HashSet<&str> = jobs.iter().map(|job| &*job.id).collect();
@@ -89,9 +87,13 @@ impl Runner {
             run.frames.retain(|_, frame| !frame.is_broken());
         }
         let runs = &state.runs;
-        let is_open = |id: &UnitId| runs.get(&id.job).is_some_and(|run| run.frames.contains_key(&id.frame));
-        state.outstanding.retain(|id, _| is_open(id));
+        let open: HashSet<(String, u32, u32)> = runs
+            .iter()
+            .flat_map(|(job, run)| run.frames.values().map(|frame| (job.clone(), frame.frame, frame.round)))
+            .collect();
+        let is_open = |id: &UnitId| open.contains(&(id.job.clone(), id.frame, id.round));
         state.comparisons.retain(|comparison| is_open(&comparison.id));
+        state.forget(is_open);
     }
 
     /// Gives the threads what is to be done for a job besides units.
@@ -104,9 +106,7 @@ impl Runner {
             }
             let under_way: Vec<TaskKey> = run.tasks.iter().map(|task| task.0).collect();
             let is_judged = |number: u32| {
-                !under_way
-                    .iter()
-                    .any(|key| matches!(key, TaskKey::Arbitrate { frame, .. } if *frame == number))
+                !under_way.iter().any(|key| matches!(key, TaskKey::Judge { frame, .. } if *frame == number))
             };
             let is_ready = |frame: &&Arc<OpenFrame>| {
                 let is_compared = |id: &UnitId| id.copy > 0 && id.job == job.id && id.frame == frame.frame;
@@ -179,7 +179,7 @@ impl Runner {
         self.has_queued.notify_one();
     }
 
-    /// Offers units until enough are outstanding, in fair shares.
+    /// Lets workers have units until enough are outstanding, in fair shares.
     fn offer_units(&self) -> Result<(), LedgerError> {
         let offers = self.choose_units();
         let mut cut: HashMap<String, Vec<UnitRow>> = HashMap::new();
@@ -190,17 +190,21 @@ impl Runner {
             if let Err(error) = self.ledger.add_units(&job, rows) {
                 // What was cut is not known, so it is cut again.
                 offers.iter().filter_map(|offer| offer.frame.as_ref()).for_each(|frame| frame.break_off());
-                offers.iter().for_each(|offer| drop(self.state().outstanding.remove(&offer.id)));
                 return Err(error);
             }
         }
+        let state = &mut *self.state();
+        let some = !offers.is_empty();
         for offer in offers {
-            self.offer(&offer);
+            state.offer(offer);
+        }
+        if some {
+            self.ring(state);
         }
         Ok(())
     }
 
-    /// Chooses units and takes note of them.
+    /// Chooses units.
     fn choose_units(&self) -> Vec<Offer> {
         let state = &mut *self.state();
         let heard = self.bus.lease_time().max(Duration::from_secs(2));
@@ -209,78 +213,37 @@ impl Runner {
         let open = state.runs.values().map(|run| run.frames.len()).sum();
         let more = state.runs.values().any(|run| run.has_more);
         let sizes = self.sizes(decisions::at_once(slots, open, more));
-        let mut offers = Vec::new();
-        while state.outstanding.len() < wanted
+        let mut offers: Vec<Offer> = Vec::new();
+        while state.outstanding.len() + offers.len() < wanted
             && let Some(offer) = next_comparison(state).or_else(|| next_unit(state, sizes))
         {
-            let outstanding =
-                Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: None };
-            state.outstanding.entry(offer.id.clone()).or_insert(outstanding);
-            offers.push(offer);
+            if !state.outstanding.contains_key(&offer.id) {
+                offers.push(offer);
+            }
         }
-        state.is_short = state.outstanding.len() < wanted;
+        state.is_short = state.outstanding.len() + offers.len() < wanted;
         offers
     }
+}
 
-    /// Offers a unit on the bus.
-    fn offer(&self, offer: &Offer) {
-        let Offer { id, job, row, blocks, frame, .. } = offer;
-        let Some(request) = JobRequest::of(job) else { return };
-        let unit = Unit {
+impl State {
+    /// Lets workers have a unit.
+    fn offer(&mut self, offer: Offer) {
+        let Offer { id, job, row, blocks, compared, .. } = offer;
+        let Some(request) = JobRequest::of(&job) else { return };
+        let samples = row.first..row.end;
+        let unit = Arc::new(Unit {
             id: id.clone(),
             scene: request.scene,
             entry: request.entry,
             spec: request.spec,
             priority: job.priority.name().into(),
-            blocks: blocks.clone(),
-            samples: row.first..row.end,
-        };
-        let lane = if job.priority == Priority::Interactive { Lane::Hi } else { Lane::Lo };
-        let offered = self.bus.offer(lane, &unit, self.rounds.fetch_add(1, SeqCst));
-        if matches!(offered, Ok(Offered::New | Offered::Duplicate)) {
-            return;
-        }
-        if let Err(error) = offered {
-            log::debug!("unit {id}: {error}");
-        }
-        self.state().outstanding.remove(id);
-        if let Some(frame) = frame {
-            frame.put_back(row.pass, row.number);
-        }
-    }
-
-    /// Finds units that the bus has lost or that no one has, and lets them be offered again.
-    fn reconcile(&self) {
-        let mut state = self.state();
-        let now = Instant::now();
-        if state.reconciled.is_some_and(|last| now - last < RECONCILE) || state.outstanding.is_empty() {
-            return;
-        }
-        state.reconciled = Some(now);
-        drop(state);
-        let Ok(Backlog { units, is_new }) = self.bus.backlog() else { return };
-        let lease = self.bus.lease_time();
-        let state = &mut *self.state();
-        let held = state.outstanding.values().filter(|unit| unit.holder.is_some()).count();
-        let patience = decisions::patience(is_new, units, held, state.workers.slots(lease), lease);
-        let is_lost = |unit: &Outstanding| {
-            let silent = unit.holder.as_ref().map(|holder| holder.seen.elapsed());
-            decisions::is_lost(silent, unit.changed.elapsed(), lease, patience)
-        };
-        let lost: Vec<UnitId> =
-            state.outstanding.iter().filter(|(_, unit)| is_lost(unit)).map(|(id, _)| id.clone()).collect();
-        for id in lost {
-            metrics::counter!("raystream_units_offered_again_total").increment(1);
-            log::info!("unit {id}: no one has it; it is offered again");
-            let Some(unit) = state.outstanding.remove(&id) else { continue };
-            match unit.compared {
-                Some(comparison) => state.comparisons.push_back(comparison),
-                None => {
-                    let frame = state.runs.get(&id.job).and_then(|run| run.frames.get(&id.frame)).cloned();
-                    frame.inspect(|frame| frame.put_back(id.pass, id.number));
-                }
-            }
-        }
+            blocks,
+            samples,
+        });
+        let order = (job.priority != Priority::Interactive, self.offered);
+        self.offered += 1;
+        self.outstanding.insert(id, Outstanding::new(order, unit, row, compared));
     }
 }
 
@@ -299,10 +262,7 @@ fn next_comparison(state: &mut State) -> Option<Offer> {
     let comparison = state.comparisons.pop_front()?;
     let job = state.runs.get(&comparison.id.job)?.job.clone();
     let (id, row, blocks) = (comparison.id.clone(), comparison.row.clone(), comparison.blocks.clone());
-    let outstanding =
-        Outstanding { changed: Instant::now(), deliveries: 0, holder: None, compared: Some(comparison) };
-    state.outstanding.insert(id.clone(), outstanding);
-    Some(Offer { id, job, row, blocks, frame: None, is_new: false })
+    Some(Offer { id, job, row, blocks, frame: None, is_new: false, compared: Some(comparison) })
 }
 
 /// The next unit of the job whose turn it is.
@@ -313,7 +273,8 @@ fn next_unit(state: &mut State, sizes: Sizes) -> Option<Offer> {
             let (row, blocks, is_new) = frame.take(sizes, run.speed)?;
             let samples = row.samples();
             let (id, frame) = (frame.id(&row), Some(Arc::clone(frame)));
-            Some((Offer { id, job: run.job.clone(), row, blocks, frame, is_new }, samples))
+            let offer = Offer { id, job: run.job.clone(), row, blocks, frame, is_new, compared: None };
+            Some((offer, samples))
         })
     })
 }

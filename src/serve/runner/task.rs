@@ -2,17 +2,17 @@
 //! time decides, and judge between workers that disagree.
 
 use super::frame::OpenFrame;
+use super::lending::{Comparison, Party};
 use super::results::{self, PICTURE};
 use super::{NAP, Runner};
-use crate::farm::UnitWatch;
+use crate::farm::{UnitId, UnitWatch};
 use crate::files::sync_folder;
 use crate::film::Picture;
-use crate::picture::Watch;
-use crate::render::{Blocks, Pass};
+use crate::render::Blocks;
 use crate::serve::api::JobRequest;
-use crate::serve::ledger::{FrameRow, Job, JobState, LedgerError, UnitRow};
-use crate::serve::{OpenJob, failpoint, hex};
-use sha2::{Digest, Sha256};
+use crate::serve::ledger::{FrameRow, Job, JobState, LedgerError, Pending, UnitRow};
+use crate::picture::Watch;
+use crate::serve::{OpenJob, failpoint};
 use std::fs::File;
 use std::io;
 use std::panic::resume_unwind;
@@ -32,8 +32,11 @@ pub(super) enum Task {
     Finish(Arc<OpenFrame>),
     /// Render a frame whose samples the time decides.
     Whole { frame: u32 },
-    /// Render a unit that has other sums from one worker than from another.
-    Arbitrate { row: UnitRow, blocks: Vec<u32>, parties: [(String, String); 2] },
+    /// Render a unit whose sums are to be compared with those of workers: of two that disagree, or of one beside whom
+    /// there is no other.
+    Arbitrate { id: UnitId, row: UnitRow, blocks: Vec<u32>, parties: Vec<Party> },
+    /// Render a unit that no worker could: keys, and what they have said.
+    Prove { id: UnitId, row: UnitRow, blocks: Vec<u32>, failed: Vec<(String, String)> },
 }
 
 /// Which task of a job.
@@ -43,7 +46,7 @@ pub(super) enum TaskKey {
     Open { frame: u32 },
     Finish { frame: u32 },
     Whole { frame: u32 },
-    Arbitrate { frame: u32, pass: u64, number: u32 },
+    Judge { frame: u32, pass: u64, number: u32, copy: u32 },
 }
 
 impl TaskKey {
@@ -51,7 +54,7 @@ impl TaskKey {
     pub fn frame(self) -> Option<u32> {
         match self {
             Self::Open { frame } | Self::Finish { frame } | Self::Whole { frame } => Some(frame),
-            Self::Plan | Self::Arbitrate { .. } => None,
+            Self::Plan | Self::Judge { .. } => None,
         }
     }
 }
@@ -64,8 +67,9 @@ impl Task {
             Self::Open { frame } => TaskKey::Open { frame: *frame },
             Self::Finish(frame) => TaskKey::Finish { frame: frame.frame },
             Self::Whole { frame } => TaskKey::Whole { frame: *frame },
-            Self::Arbitrate { row, .. } => {
-                TaskKey::Arbitrate { frame: row.frame, pass: row.pass, number: row.number }
+            Self::Arbitrate { id, .. } | Self::Prove { id, .. } => {
+                let UnitId { frame, pass, number, copy, .. } = *id;
+                TaskKey::Judge { frame, pass, number, copy }
             }
         }
     }
@@ -162,14 +166,21 @@ impl Runner {
             Task::Open { frame } => self.open_frame(job, *frame),
             Task::Finish(frame) => self.finish_frame(job, frame),
             Task::Whole { frame } => self.whole(job, *frame, watch),
-            Task::Arbitrate { row, blocks, parties } => self.arbitrate(job, row, blocks, parties, watch),
+            Task::Arbitrate { id, row, blocks, parties } => {
+                let judged = self.arbitrate(job, (id, row, blocks), parties, watch);
+                judged.inspect_err(|_| self.state().is_not_home(id))
+            }
+            Task::Prove { id, row, blocks, failed } => {
+                let proved = self.prove(job, (id, row, blocks), failed, watch);
+                proved.inspect_err(|_| self.state().is_not_home(id))
+            }
         };
         // Whatever a stopped task says, nothing is wrong with it.
         if watch.is_stopped() && matches!(done, Err(Failure::Job(_))) { Err(Failure::Stopped) } else { done }
     }
 
     /// Reads the scene of a job, or finds it in the cache.
-    fn open(&self, job: &Job) -> Result<OpenJob, Failure> {
+    pub(super) fn open(&self, job: &Job) -> Result<OpenJob, Failure> {
         let request = JobRequest::of(job);
         let request = request.ok_or_else(|| Failure::Job("the ledger's request is not readable".into()))?;
         self.open_scene(&request).map_err(Failure::Job)
@@ -213,9 +224,13 @@ impl Runner {
         let folder = self.frame_folder(&job.id, frame);
         let most_files = self.farm.most_files;
         let opened = OpenFrame::open(&self.ledger, (&job.id, frame), folder, shots, most_files)?;
-        let mut state = self.state();
+        let pending = self.ledger.pending(&job.id, frame)?;
+        let comparisons: Vec<Comparison> =
+            pending.into_iter().map(|pending| comparison(pending, &opened)).collect();
+        let state = &mut *self.state();
         if let Some(run) = state.runs.get_mut(&job.id) {
             run.frames.insert(frame, Arc::new(opened));
+            state.comparisons.extend(comparisons);
         }
         Ok(())
     }
@@ -246,42 +261,6 @@ impl Runner {
         let picture = picture.ok_or(Failure::Stopped)?;
         self.finish(job, frame, &shots, &picture)?;
         results::remove(&checkpoint);
-        Ok(())
-    }
-
-    /// Renders a unit that has other sums from one worker than from another. Who was wrong gets no more units, and
-    /// frames to which it has contributed begin anew.
-    fn arbitrate(
-        &self,
-        job: &Job,
-        row: &UnitRow,
-        blocks: &[u32],
-        parties: &[(String, String); 2],
-        watch: &UnitWatch,
-    ) -> Result<(), Failure> {
-        let shots = self.open(job)?;
-        let piece = Pass::new(blocks.into(), row.first..row.end);
-        let patch = shots.patch(row.frame, piece, watch).map_err(Failure::Job)?;
-        let own = hex(&Sha256::digest(patch.sums()));
-        for (worker, _) in parties.iter().filter(|(_, digest)| *digest != own) {
-            let reason = format!(
-                "samples {}..{} of frame {} of job {} have other sums there than on two other machines; check its \
-                 memory and drivers",
-                row.first, row.end, row.frame, job.id
-            );
-            log::error!("worker {worker}: quarantined: {reason}");
-            self.ledger.quarantine(worker, &reason)?;
-            self.state().workers.quarantine(worker, &reason);
-            for (job, frame) in self.ledger.frames_of_worker(worker)? {
-                let state = self.state();
-                let open = state.runs.get(&job).and_then(|run| run.frames.get(&frame)).cloned();
-                drop(state);
-                match open {
-                    Some(open) => open.begin_anew(&self.ledger)?,
-                    None => self.ledger.begin_anew(&job, frame)?,
-                }
-            }
-        }
         Ok(())
     }
 
@@ -321,4 +300,12 @@ impl Runner {
     fn frame_folder(&self, job: &str, frame: u32) -> PathBuf {
         self.store.job_folder(job).join(format!("frame-{frame}"))
     }
+}
+
+/// A comparison that an earlier opening of a frame has left.
+fn comparison(pending: Pending, frame: &OpenFrame) -> Comparison {
+    let Pending { unit, blocks, name } = pending;
+    let (key, digest) = (unit.worker.clone().unwrap_or_default(), unit.digest.clone().unwrap_or_default());
+    let id = UnitId { copy: 1, ..frame.id(&unit) };
+    Comparison { id, row: unit, blocks, first: Party { key, name, digest } }
 }

@@ -132,7 +132,6 @@ pub fn next(
         first,
         end: first + taken,
         state: UnitState::Open,
-        attempts: 0,
         worker: None,
         digest: None,
     })

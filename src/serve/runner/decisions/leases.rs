@@ -1,13 +1,23 @@
-//! Who renders a unit, and when it counts as lost.
+//! Who may have a unit, when it counts as lost, and which units are rendered twice.
 
-use crate::farm::UnitId;
 use std::time::Duration;
-use xxhash_rust::xxh3::xxh3_64;
 
-/// Leases after which a unit that no one has is offered again: few if the bus is empty or workers wait, more if not,
-/// since other units may be before it.
-const LEASES_OF_FREE_BUS: u32 = 2;
-const LEASES_OF_FULL_BUS: u32 = 20;
+/// Leases after which a worker that has returned nothing meanwhile gets no more units.
+pub const MOST_FRUITLESS: u32 = 3;
+
+/// Leases for which it gets none.
+pub const REST_LEASES: u32 = 40;
+
+/// Units of a new key that are all compared, if any are.
+pub const FIRST_COMPARED: u64 = 8;
+
+/// Workers that have the same unit at the same time, at most.
+const MOST_HOLDERS: usize = 2;
+
+/// How long a unit is held before a worker that has nothing else to do gets it, too: a part of a lease, and at least
+/// longer than units take.
+const SPARE_SHARE: u32 = 5;
+const SPARE_LEAST: Duration = Duration::from_secs(2);
 
 /// Who has a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,73 +26,60 @@ pub struct Holding {
     pub is_asker: bool,
     /// How long the holder was not heard of.
     pub silent: Duration,
+    /// How long it has had the unit.
+    pub held: Duration,
 }
 
-/// What is known when a worker asks whether to render a unit that it has leased.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Asked {
-    /// Who had it before.
-    pub holding: Option<Holding>,
-    /// How often it has been leased, this time included.
-    pub deliveries: u64,
-    /// Whether the worker's own sums of the unit are to be compared with another's.
+/// What is known of a unit when a worker asks for one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Asked<'a> {
+    /// Who has it.
+    pub holdings: &'a [Holding],
+    /// Whether the worker's own sums of it are to be compared with another's.
     pub is_own: bool,
-    /// Whether there is another worker.
-    pub has_other: bool,
+    /// Whether the worker could not render it before, and others may.
+    pub has_failed: bool,
 }
 
-/// Whether a worker renders a unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Begin {
-    /// It does. Whether an earlier holder has gone.
-    Go { is_lost: bool },
-    /// Not now, or not this worker.
-    Wait,
-    /// No one does: there is no one to compare with.
-    Alone,
+/// Whether a worker gets a unit, the better ones first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Taking {
+    /// No one has it.
+    Free,
+    /// Whoever has it was not heard of for too long.
+    Lost,
+    /// Someone has it for long, and there is nothing else to do.
+    Spare,
+    /// Not this worker, or not now.
+    No,
 }
 
-/// Whether a worker renders a unit. A holder that is silent for `silence` counts as gone.
-pub fn begin(asked: &Asked, silence: Duration) -> Begin {
-    let Asked { holding, deliveries, is_own, has_other } = *asked;
-    if is_own {
-        return if has_other { Begin::Wait } else { Begin::Alone };
-    }
-    match holding {
-        Some(holding) if !holding.is_asker && holding.silent < silence => Begin::Wait,
-        Some(holding) => Begin::Go { is_lost: !holding.is_asker || deliveries > 1 },
-        None => Begin::Go { is_lost: false },
-    }
-}
-
-/// Whether a second worker is to render a unit: a share of all, chosen by their names.
-pub fn is_compared(id: &UnitId, share: f64) -> bool {
-    share > 0.0 && (xxh3_64(id.to_string().as_bytes()) as f64) < share * u64::MAX as f64
-}
-
-/// How long units may be on offer before they count as lost. `is_new`: the bus has lost all it held. `units`: how many
-/// it holds. `held` of the offered units are held by someone, and workers have so many `slots`.
-pub fn patience(is_new: bool, units: u64, held: usize, slots: usize, lease: Duration) -> Duration {
-    // A unit that waits although slots are free is not on the bus, whatever the bus counts.
-    let is_free = held < slots;
-    match (is_new, units) {
-        (true, _) => Duration::ZERO,
-        (false, units) if units == 0 || is_free => lease * LEASES_OF_FREE_BUS,
-        _ => lease * LEASES_OF_FULL_BUS,
+/// Whether a worker gets a unit. A holder that is silent for `silence` counts as gone.
+pub fn taking(asked: &Asked<'_>, silence: Duration, lease: Duration) -> Taking {
+    let is_gone = |holding: &Holding| holding.silent >= silence;
+    let spare = (lease / SPARE_SHARE).max(SPARE_LEAST);
+    match asked.holdings {
+        _ if asked.is_own || asked.has_failed => Taking::No,
+        [] => Taking::Free,
+        holdings if holdings.iter().all(is_gone) => Taking::Lost,
+        holdings if holdings.len() >= MOST_HOLDERS || holdings.iter().any(|holding| holding.is_asker) => {
+            Taking::No
+        }
+        holdings if holdings.iter().all(|holding| holding.held >= spare) => Taking::Spare,
+        _ => Taking::No,
     }
 }
 
-/// Whether a unit is lost: its holder is silent for too long, or no one has it and it was offered too long ago.
-pub fn is_lost(
-    holder_silent: Option<Duration>,
-    offered: Duration,
-    lease: Duration,
-    patience: Duration,
-) -> bool {
-    match holder_silent {
-        Some(silent) => silent > lease + patience,
-        None => offered > patience,
-    }
+/// Whether a second worker is to render a unit, for which `drawn` was drawn from 0 to 1. A key that has brought fewer than
+/// so many units is new.
+pub fn is_compared(drawn: f64, share: f64, brought: u64) -> bool {
+    share > 0.0 && (drawn <= share || brought < FIRST_COMPARED)
+}
+
+/// Whether a worker that has had units for this long, and has returned nothing meanwhile, gets no more; or one that has
+/// lost or given back so many in a row.
+pub fn is_fruitless(owes: Option<Duration>, in_a_row: u32, lease: Duration) -> bool {
+    owes.is_some_and(|owes| owes > MOST_FRUITLESS * lease) || in_a_row >= MOST_FRUITLESS
 }
 
 #[cfg(test)]
@@ -91,41 +88,50 @@ mod tests {
 
     const LEASE: Duration = Duration::from_secs(15);
 
-    fn asked(holding: Option<(bool, u64)>, deliveries: u64) -> Asked {
-        let holding = holding.map(|(is_asker, s)| Holding { is_asker, silent: Duration::from_secs(s) });
-        Asked { holding, deliveries, is_own: false, has_other: true }
+    fn take(holdings: &[(bool, u64, u64)]) -> Taking {
+        let seconds = Duration::from_secs;
+        let holdings: Vec<Holding> = holdings
+            .iter()
+            .map(|&(is_asker, silent, held)| Holding {
+                is_asker,
+                silent: seconds(silent),
+                held: seconds(held),
+            })
+            .collect();
+        taking(&Asked { holdings: &holdings, ..Asked::default() }, LEASE, LEASE)
     }
 
     #[test]
-    fn one_worker_at_a_time_renders_a_unit() {
-        let begin = |asked| begin(&asked, LEASE / 2);
-        assert_eq!(begin(asked(None, 1)), Begin::Go { is_lost: false });
-        assert_eq!(begin(asked(Some((false, 2)), 2)), Begin::Wait);
-        assert_eq!(begin(asked(Some((false, 10)), 2)), Begin::Go { is_lost: true });
-        assert_eq!(begin(asked(Some((true, 2)), 1)), Begin::Go { is_lost: false });
-        assert_eq!(begin(asked(Some((true, 2)), 2)), Begin::Go { is_lost: true });
+    fn one_worker_at_a_time_renders_a_unit_and_idle_ones_help_late() {
+        assert_eq!(take(&[]), Taking::Free);
+        assert_eq!(take(&[(false, 1, 2)]), Taking::No);
+        assert_eq!(take(&[(false, 1, 3)]), Taking::Spare);
+        assert_eq!(take(&[(true, 1, 30)]), Taking::No);
+        assert_eq!(take(&[(false, 1, 30), (false, 1, 30)]), Taking::No);
+        assert_eq!(take(&[(false, 15, 16)]), Taking::Lost);
+        assert_eq!(take(&[(true, 15, 16)]), Taking::Lost);
+        assert_eq!(take(&[(false, 15, 16), (false, 1, 1)]), Taking::No);
+        assert!(Taking::Free < Taking::Lost && Taking::Lost < Taking::Spare && Taking::Spare < Taking::No);
     }
 
     #[test]
-    fn no_worker_is_compared_with_itself() {
-        let own = Asked { is_own: true, ..asked(None, 1) };
-        assert_eq!(begin(&own, LEASE / 2), Begin::Wait);
-        assert_eq!(begin(&Asked { has_other: false, ..own }, LEASE / 2), Begin::Alone);
-        let id = |number| UnitId { job: "a".into(), frame: 0, pass: 0, number, copy: 0 };
-        let compared = |share| (0..10_000).filter(|number| is_compared(&id(*number), share)).count();
-        assert_eq!((compared(0.0), compared(1.0)), (0, 10_000));
-        assert!((400..600).contains(&compared(0.05)), "{}", compared(0.05));
+    fn no_worker_is_compared_with_itself_or_tries_again_what_it_could_not() {
+        let own = Asked { is_own: true, ..Asked::default() };
+        let failed = Asked { has_failed: true, ..Asked::default() };
+        assert_eq!([own, failed].map(|asked| taking(&asked, LEASE, LEASE)), [Taking::No; 2]);
     }
 
     #[test]
-    fn units_are_lost_sooner_on_a_free_bus() {
-        assert_eq!(patience(true, 5, 0, 0, LEASE), Duration::ZERO);
-        assert_eq!(patience(false, 0, 4, 4, LEASE), 2 * LEASE);
-        assert_eq!(patience(false, 5, 3, 4, LEASE), 2 * LEASE);
-        let full = patience(false, 5, 4, 4, LEASE);
-        assert_eq!(full, 20 * LEASE);
-        assert!(!is_lost(None, full, LEASE, full) && is_lost(None, full + LEASE, LEASE, full));
-        assert!(!is_lost(Some(full), full + LEASE, LEASE, full), "its holder was heard of");
-        assert!(is_lost(Some(full + 2 * LEASE), Duration::ZERO, LEASE, full));
+    fn the_first_units_of_a_key_are_compared_and_a_share_of_the_others() {
+        assert!(is_compared(0.9, 0.01, FIRST_COMPARED - 1) && !is_compared(0.9, 0.01, FIRST_COMPARED));
+        assert!(is_compared(0.01, 0.01, 100) && is_compared(1.0, 1.0, 100));
+        assert!(!is_compared(0.0, 0.0, 0), "none if none are asked for");
+    }
+
+    #[test]
+    fn who_returns_nothing_gets_nothing() {
+        assert!(!is_fruitless(None, MOST_FRUITLESS - 1, LEASE) && is_fruitless(None, MOST_FRUITLESS, LEASE));
+        assert!(!is_fruitless(Some(3 * LEASE), 0, LEASE));
+        assert!(is_fruitless(Some(3 * LEASE + Duration::from_secs(1)), 0, LEASE));
     }
 }

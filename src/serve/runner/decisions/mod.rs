@@ -13,7 +13,7 @@ pub use crate::serve::ledger::UnitRow;
 pub use cut::{BLOCK_PIXELS, Sizes, Speed};
 pub use fair::{Candidate, Share, entry, next};
 pub use folding::{MOST_FILES, is_to_be_folded};
-pub use leases::{Asked, Begin, Holding, begin, is_compared, is_lost, patience};
+pub use leases::{Asked, FIRST_COMPARED, Holding, REST_LEASES, Taking, is_compared, is_fruitless, taking};
 pub use offers::{at_once, wanted, wants_frame};
 pub use pass_units::PassUnits;
 
@@ -25,5 +25,5 @@ pub const PLANNER_PAUSE: Duration = Duration::from_millis(250);
 /// Threads for what is no unit: plans, pictures, frames whose samples the time decides.
 pub const TASK_THREADS: usize = 4;
 
-/// How often a unit is tried before its job fails.
+/// How many workers try a unit before its job fails.
 pub const MOST_ATTEMPTS: u32 = 5;

@@ -36,13 +36,6 @@ impl PassUnits {
         Some((unit, true))
     }
 
-    /// Lets a unit be offered again, if it has no sums.
-    pub fn put_back(&mut self, number: u32) {
-        if self.open.contains_key(&number) && !self.todo.contains(&number) {
-            self.todo.push_front(number);
-        }
-    }
-
     /// A unit without sums.
     pub fn find(&self, number: u32) -> Option<&UnitRow> {
         self.open.get(&number)
@@ -87,19 +80,18 @@ mod tests {
     use crate::render::Blocks;
 
     #[test]
-    fn units_that_come_back_are_offered_before_new_ones() {
-        let mut units = PassUnits::new(0, Pass::new(Blocks::new(320, 200).in_order(), 0..16));
+    fn units_that_were_cut_before_are_offered_before_new_ones() {
+        let pass = || PassUnits::new(0, Pass::new(Blocks::new(320, 200).in_order(), 0..16));
         let sizes = Sizes { samples: Some(1 << 16), ..Sizes::default() };
         let take = |units: &mut PassUnits| units.take(0, sizes, Speed::default());
-        let (first, second) = (take(&mut units).expect("one"), take(&mut units).expect("another"));
+        let mut before = pass();
+        let (first, second) = (take(&mut before).expect("one"), take(&mut before).expect("another"));
         assert!(first.1 && second.1);
-        units.put_back(first.0.number);
-        units.put_back(first.0.number);
-        assert_eq!(take(&mut units), Some((first.0.clone(), false)));
-        units.put_back(second.0.number);
+        let mut units = pass();
+        units.note(UnitRow { state: UnitState::Kept, ..first.0.clone() });
+        units.note(second.0.clone());
+        assert_eq!(take(&mut units), Some((second.0.clone(), false)));
         units.keep(second.0.number);
-        units.keep(first.0.number);
-        units.put_back(first.0.number);
         let mut count = 2;
         while let Some((unit, is_new)) = take(&mut units) {
             assert!(is_new && unit.number == count, "units with sums do not come back");
