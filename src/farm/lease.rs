@@ -69,6 +69,7 @@ impl Unit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::picture::RenderSpec;
 
     fn unit() -> Unit {
         Unit {

@@ -54,7 +54,7 @@ impl PassOptions {
 /// A stopped job has completed the tiles that it has spawned, which are the first of its pass. Their film is kept,
 /// shown and saved, and the rest of the pass is taken later. Films add integers, so the pass has the same sums then.
 ///
-/// # Adaptive sampling that keeps promise 1
+/// # Adaptive sampling with the same bytes everywhere
 /// With [`PassOptions::noise`] the size of passes is fixed, and where pass `n` takes samples is decided
 /// from the exact sums of the passes up to `n − `[`PASSES_IN_FLIGHT`], whether others have ended by then or not.
 ///

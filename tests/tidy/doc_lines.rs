@@ -27,15 +27,12 @@ fn questions(text: &str) -> Vec<(usize, &str)> {
         let Some(first) = line.strip_prefix("///") else { continue };
         let mut open = 0;
         // The rest of the comment, and attributes, which may take several lines.
-        while lines
-            .next_if(|(_, line)| open > 0 || line.starts_with("//") || line.starts_with("#["))
-            .is_some_and(|(_, line)| {
-                let code = if line.starts_with("//") { "" } else { line };
-                open += code.matches('[').count();
-                open -= code.matches(']').count().min(open);
-                true
-            })
-        {}
+        let belongs = |open: usize, line: &str| open > 0 || line.starts_with("//") || line.starts_with("#[");
+        while let Some((_, line)) = lines.next_if(|(_, line)| belongs(open, line)) {
+            if !line.starts_with("//") {
+                open = (open + line.matches('[').count()).saturating_sub(line.matches(']').count());
+            }
+        }
         let public = lines.peek().is_some_and(|(_, item)| item.starts_with("pub "));
         let word = first.split_whitespace().next().unwrap_or_default().trim_end_matches(['.', ',', ':', ';']);
         if public && QUESTIONS.contains(&word) {

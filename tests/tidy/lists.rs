@@ -4,7 +4,8 @@ use super::breach::Breach;
 use super::markdown::{names, tables};
 use super::text::regex;
 use super::tree::Tree;
-use raystream::cli::Registry;
+use raystream::cli::command;
+use raystream::picture::Registry;
 
 /// The page of all commands.
 const COMMANDS: &str = "docs/guide/command-line.md";
@@ -78,10 +79,10 @@ fn breaches(tree: &Tree, commands: &[String], options: &[String]) -> Vec<Breach>
 #[test]
 fn lists_name_all_there_is() {
     let mut all = Vec::new();
-    commands(&Registry::built_in().command(), "", &mut all);
+    commands(&command(&Registry::built_in()), "", &mut all);
     assert!(all.iter().any(|command| command == "render"), "{all:?}");
     let mut named = Vec::new();
-    options(&Registry::built_in().command(), &mut named);
+    options(&command(&Registry::built_in()), &mut named);
     super::breach::assert_none("lists", breaches(Tree::repository(), &all, &named));
 }
 
