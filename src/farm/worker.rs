@@ -14,7 +14,7 @@ use super::watch::UnitWatch;
 use super::{BEATS, REPORT};
 use crate::render::{Pass, Patch};
 use crate::schedule::Priority;
-use crate::serve::{SceneReader, OpenJob, failpoint};
+use crate::serve::{OpenJob, SceneReader, failpoint};
 use std::collections::HashMap;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::str::FromStr;

@@ -15,6 +15,7 @@ mod refusals;
 mod render;
 mod sampling;
 mod shaders;
+mod specs;
 mod tev;
 mod trace;
 mod viewer;

@@ -19,6 +19,7 @@ mod secured;
 #[path = "../serve/service.rs"]
 #[allow(dead_code, reason = "tests of the service use more of it")]
 mod service;
+mod specs;
 mod viewer;
 
 use machines::{Nats, Worker};

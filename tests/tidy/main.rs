@@ -18,6 +18,7 @@ mod pins;
 mod results;
 mod rust;
 mod sizes;
+mod spec_table;
 mod text;
 mod tree;
 mod unsafe_code;
