@@ -83,6 +83,7 @@ fn text<'a>(value: &'a Value, name: &str) -> &'a str {
 
 /// `raystream submit`.
 pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
+    let args = &args.sorted()?;
     let client = Client::new(&args.client)?;
     let pack = Pack::of(registry, &args.scene, &args.options)?;
     let path = format!("/api/v1/scenes/{}", pack.scene.sha256);
