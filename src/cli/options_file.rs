@@ -107,8 +107,8 @@ fn before_escape(arguments: &[OsString]) -> &[OsString] {
     &arguments[..end.unwrap_or(arguments.len())]
 }
 
-/// Whether the command line gives an option itself.
-fn is_given(arguments: &[OsString], option: &Arg) -> bool {
+/// True if the command line gives an option itself.
+pub fn is_given(arguments: &[OsString], option: &Arg) -> bool {
     let long = |text: &str| {
         let name = text.strip_prefix("--").map(|text| text.split('=').next().unwrap_or(text));
         name.is_some() && name == option.get_long()

@@ -6,8 +6,8 @@
 //! serve::live - request, with a deadline -> WorkBus -> LiveDesk: rows of a moving frame, as a display shows them
 //! ```
 //!
-//! The ledger of the service is the record, and the coordinator knows who has which unit. A bus only carries: whatever
-//! it loses is asked again, whatever it carries twice is committed once. A worker is a stranger: what it says is checked
+//! The ledger of the service is the record, and the coordinator knows who has which unit. A bus only carries: what it
+//! loses is asked again, what it carries twice is committed once. A worker is a stranger: what it says is checked
 //! where it comes in. `docs/design/farm.md` has the protocol, its invariants and what each key can do.
 
 mod bell;

@@ -66,8 +66,8 @@ pub trait SceneSource: Send + Sync {
     fn discard(&self, sha256: &str);
 }
 
-/// A cache of scenes in a folder, which several workers may share. What is found in it is compared with the coordinator's
-/// list before it is used for the first time.
+/// A cache of scenes in a folder, which several workers may share. What is found in it is compared with the
+/// coordinator's list before it is used for the first time.
 pub struct DiskScenes {
     folder: PathBuf,
     /// The folder of what was made from scenes, and goes with them.

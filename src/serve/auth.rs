@@ -89,8 +89,8 @@ impl Auth {
     }
 }
 
-/// Signs leases of units, and draws which are compared. It is a key of its own in the data folder, so that leases outlive
-/// the process and no worker can foresee a draw.
+/// Signs leases of units, and draws which are compared. It is a key of its own in the data folder, so that leases
+/// outlive the process and no worker can foresee a draw.
 #[derive(Clone)]
 pub struct Secret([u8; 32]);
 

@@ -15,6 +15,7 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Jobs of the scheduler at the same time: units with their passes, and views.
@@ -22,6 +23,9 @@ pub const SCHEDULED: usize = 16;
 
 /// How long a process that reads a scene is waited for between two looks.
 const LOOK: Duration = Duration::from_millis(5);
+
+/// Bytes that are kept of what a process says that reads a scene.
+const TOLD: usize = 1 << 16;
 
 /// What all scenes of a process share.
 #[derive(Clone, Debug)]
@@ -241,6 +245,8 @@ fn try_scene(
     command.arg("--").arg(spec.scene.as_deref().unwrap_or(folder));
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().context("no process can be started that reads the scene")?;
+    // A process whose pipe is full waits for ever.
+    let (printed, told) = (child.stdout.take().map(drain), child.stderr.take().map(drain));
     let began = Instant::now();
     let status = loop {
         if let Some(status) = child.try_wait()? {
@@ -253,9 +259,8 @@ fn try_scene(
         }
         std::thread::sleep(LOOK);
     };
-    let (mut printed, mut told) = (String::new(), String::new());
-    child.stdout.take().map_or(Ok(0), |mut pipe| pipe.read_to_string(&mut printed))?;
-    child.stderr.take().map_or(Ok(0), |pipe| pipe.take(1 << 16).read_to_string(&mut told))?;
+    let text = |pipe: Option<JoinHandle<String>>| pipe.and_then(|pipe| pipe.join().ok()).unwrap_or_default();
+    let (printed, told) = (text(printed), text(told));
     if status.success() {
         return printed.trim().parse().context("the process that reads the scene prints no number");
     }
@@ -263,4 +268,20 @@ fn try_scene(
         Some(error) => bail!("{}", error.replace(&format!("{}/", folder.display()), "")),
         None => bail!("the process that reads the scene ended with {status}; the service goes on"),
     }
+}
+
+/// Reads a pipe to its end in a thread of its own; keeps the last part, which tells what went wrong.
+fn drain(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let (mut kept, mut buffer) = (Vec::new(), [0; 1 << 13]);
+        while let Ok(read) = pipe.read(&mut buffer)
+            && read > 0
+        {
+            kept.extend_from_slice(&buffer[..read]);
+            if kept.len() > 2 * TOLD {
+                kept.drain(..kept.len() - TOLD);
+            }
+        }
+        String::from_utf8_lossy(&kept).into_owned()
+    })
 }

@@ -33,6 +33,7 @@ mod scene_reader;
 mod server;
 mod state;
 mod store;
+mod trouble;
 mod webhook;
 
 pub(crate) use auth::write_private;

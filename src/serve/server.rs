@@ -230,9 +230,24 @@ async fn digest(metrics: PrometheusHandle) {
     }
 }
 
-/// Makes the data folder, for its owner alone.
+/// Makes the data folder, for its owner alone. One that is there becomes so: it holds secrets, scenes and pictures.
 fn make_private(data: &Path) -> io::Result<()> {
     if data.is_dir() {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            if std::fs::metadata(data)?.permissions().mode() & 0o077 != 0 {
+                std::fs::set_permissions(data, PermissionsExt::from_mode(0o700)).map_err(|error| {
+                    let told =
+                        format!("others may enter it, and that cannot be changed ({error}); choose another");
+                    io::Error::other(told)
+                })?;
+                log::warn!(
+                    "{}: others could enter it; it is its owner's alone now (mode 0700)",
+                    data.display()
+                );
+            }
+        }
         return Ok(());
     }
     let mut builder = std::fs::DirBuilder::new();
@@ -249,4 +264,23 @@ fn lock(data: &Path) -> Result<std::fs::File, ServeError> {
     let file = file.map_err(|source| ServeError::File { path, source })?;
     file.try_lock().map_err(|_| ServeError::InUse(data.to_owned()))?;
     Ok(file)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn the_data_folder_is_its_owners_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mode = |path: &Path| std::fs::metadata(path).expect("it").permissions().mode() & 0o777;
+        let (open, new) = (folder.path().join("open"), folder.path().join("new"));
+        std::fs::create_dir(&open).expect("a folder");
+        std::fs::set_permissions(&open, PermissionsExt::from_mode(0o755)).expect("changed");
+        for data in [&open, &new] {
+            make_private(data).expect("made");
+            assert_eq!(mode(data), 0o700);
+        }
+    }
 }

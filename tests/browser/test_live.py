@@ -171,5 +171,33 @@ class Live(service.Case):
         self.assertEqual(unnamed, [])
 
 
+class Nothing(service.Case):
+    def test_what_is_refused_is_told_and_not_asked_for_again(self):
+        page = self.live()
+        opened = []
+        page.on("websocket", lambda socket: opened.append(socket.url))
+        page.evaluate("location.hash = 'live=' + '0'.repeat(64)")
+        page.get_by_test_id("connection").get_by_text("nothing to show").wait_for()
+        self.assertIn("upload it first", page.get_by_test_id("notice").inner_text())
+        page.wait_for_timeout(1500)
+        self.assertEqual(len(opened), 1)
+        # A scene that cannot be read is refused in the words of the process that has read it.
+        content = '{ "shapes": [ { "shape": "no such shape" } ] }'
+        scene = page.evaluate("""async (body) => {
+            const digest = await crypto.subtle.digest("SHA-256", new TextEncoder().encode(body));
+            const hash = [...new Uint8Array(digest)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+            await fetch(`api/v1/scenes/${hash}`, { method: "PUT", body });
+            return hash;
+        }""", content)
+        page.evaluate("scene => { location.hash = `live=${scene}`; }", scene)
+        page.get_by_test_id("notice").get_by_text("no such shape").wait_for()
+        self.assertNotIn(str(self.folder), page.get_by_test_id("notice").inner_text())
+        # The next scene has none of that.
+        page.evaluate("location.hash = 'live'")
+        self.wait_for(page, "raystream.frames > 0")
+        page.get_by_test_id("connection").get_by_text("connected").wait_for()
+        self.assertTrue(page.get_by_test_id("notice").is_hidden())
+
+
 if __name__ == "__main__":
     service.unittest.main()

@@ -180,9 +180,25 @@ fn a_full_disk_delays_results_and_loses_none() {
         prlimit(Some(process), Resource::Fsize, limit).expect("the limit is set");
     };
     space(Some(0));
-    std::thread::sleep(Duration::from_millis(1500));
+    let refuses =
+        || String::from_utf8_lossy(&service.get("/metrics").body).contains("_data_folder_refuses 1");
+    let wait_for = |status: u16| {
+        let began = Instant::now();
+        while service.get("/readyz").status != status {
+            assert!(began.elapsed() < crate::service::PATIENCE, "it is not {status}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    wait_for(503);
+    let told = String::from_utf8_lossy(&service.get("/readyz").body).into_owned();
+    assert!(refuses() && told.contains("cannot be written"), "{told}");
+    // Whoever uploads is told, too, however much it sends.
+    let large = [&b"glTF"[..], &vec![0; 8 << 20]].concat();
+    assert_eq!(service.upload(&large).1.status / 100, 5);
     space(None);
     assert_eq!(service.hashes(&id), [hash]);
+    wait_for(200);
+    assert!(!refuses());
 }
 
 /// Kills the server that a service has started, however a test ends.

@@ -1,4 +1,5 @@
-//! What a stolen key of a worker can say: each question, each field, many kinds of value. Nothing is read, no job fails.
+//! What a stolen key of a worker can say: each question, each field, many kinds of value. Nothing is read, no job
+//! fails.
 
 use crate::attacks::Thief;
 use crate::secured::{Farm, wait_for_workers};

@@ -145,3 +145,21 @@ fn hostile_scenes_fail_alone() {
     let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
     assert_eq!(service.hashes(&id).len(), 1, "the service goes on");
 }
+
+#[test]
+fn a_process_that_says_much_about_a_scene_delays_no_one() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let began = std::time::Instant::now();
+    // More than a pipe holds, from as many processes as there are threads for jobs.
+    let variant = "x".repeat(100_000);
+    let submit = |seed: u32| {
+        service.submit(&scene, &json!({ "size": "8x8", "spp": 1, "seed": seed, "variant": variant }))
+    };
+    let ids: Vec<String> = (0..4).map(submit).collect();
+    for id in ids {
+        assert_eq!(service.wait_for(&id, &["done", "failed"])["state"], "failed");
+    }
+    assert!(began.elapsed() < std::time::Duration::from_secs(120), "{:?}", began.elapsed());
+}

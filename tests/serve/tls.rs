@@ -258,6 +258,12 @@ fn webhooks_are_signed_and_called_until_they_answer() {
     for _ in 0..3 {
         let (headers, body) = calls.recv_timeout(PATIENCE).expect("a call");
         let mut mac = Hmac::<Sha256>::new_from_slice(b"a key").expect("any length");
+        let (delivery, time) = (&headers["x-raystream-delivery"], &headers["x-raystream-timestamp"]);
+        assert_eq!(*delivery, id, "the same each time");
+        let seconds = time.parse::<u64>().expect("seconds");
+        let now = std::time::SystemTime::UNIX_EPOCH.elapsed().expect("a clock").as_secs();
+        assert!((now - 60..=now).contains(&seconds), "{seconds} is not now");
+        mac.update(format!("{delivery}.{time}.").as_bytes());
         mac.update(&body);
         let expected: String = mac.finalize().into_bytes().iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(headers["x-raystream-signature"], format!("sha256={expected}"));
@@ -268,9 +274,37 @@ fn webhooks_are_signed_and_called_until_they_answer() {
     }
     bodies.dedup();
     assert_eq!(bodies.len(), 1, "each call is the same");
-    for bad in ["file:///etc/passwd", "gopher://127.0.0.1/", "127.0.0.1:80", ""] {
+    for bad in
+        ["file:///etc/passwd", "gopher://127.0.0.1/", "127.0.0.1:80", "", "http://", "http://a\r\nX: y/"]
+    {
         let mut body = body.clone();
         body["webhook"]["url"] = json!(bad);
         assert_eq!(service.post("/api/v1/jobs", &body).status, 422, "{bad}");
     }
+}
+
+#[test]
+fn a_receiver_that_sleeps_delays_no_other_and_known_answers_are_called_too() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let submit = |url: &str| {
+        let body = json!({ "scene": scene, "options": { "size": "8x8", "spp": 1 },
+            "webhook": { "url": url, "secret": "a key" } });
+        let answer = service.post("/api/v1/jobs", &body);
+        assert_eq!(answer.status, 202, "a job of its own");
+        answer.json()["id"].as_str().expect("an id").to_owned()
+    };
+    // It accepts connections and never answers.
+    let sleeper = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let asleep = format!("http://{}/", sleeper.local_addr().expect("an address"));
+    for _ in 0..3 {
+        submit(&asleep);
+    }
+    let (url, calls) = receiver(&[200]);
+    let began = std::time::Instant::now();
+    let id = submit(&url);
+    let (headers, _) = calls.recv_timeout(PATIENCE).expect("a call");
+    assert_eq!(headers["x-raystream-delivery"], id);
+    assert!(began.elapsed() < std::time::Duration::from_secs(8), "{:?}", began.elapsed());
 }

@@ -4,7 +4,8 @@ use super::{SceneArgs, SpecArgs, UnitArgs};
 use crate::picture::LightSpec;
 use crate::picture::form::{Form, Seconds};
 use crate::serve::Failpoint;
-use clap::Args;
+use clap::parser::ValueSource;
+use clap::{Args, FromArgMatches};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -94,7 +95,7 @@ pub struct ViewArgs {
 }
 
 /// Where the service is.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct ClientArgs {
     /// Address of the service.
     #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:7878")]
@@ -111,7 +112,7 @@ pub struct ClientArgs {
 }
 
 /// `raystream submit`.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct SubmitArgs {
     /// The service.
     #[command(flatten)]
@@ -124,9 +125,57 @@ pub struct SubmitArgs {
     pub priority: String,
     /// Scene file. Files that it names must lie in its folder.
     pub scene: PathBuf,
-    /// Options of `raystream render`.
+    /// Options of `raystream render`; those above may stand among them.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTIONS")]
     pub options: Vec<String>,
+}
+
+impl SubmitArgs {
+    /// Options of `submit` that stand behind the scene, moved to where they belong.
+    ///
+    /// # Errors
+    /// If one of them has no value, or a wrong one.
+    pub fn sorted(&self) -> Result<Self, clap::Error> {
+        let command = || Self::augment_args(clap::Command::new("submit").no_binary_name(true));
+        let arguments = command();
+        let known = |word: &str| {
+            let name = word.strip_prefix("--")?.split('=').next()?;
+            arguments.get_arguments().find(|argument| argument.get_long() == Some(name))
+        };
+        let (mut own, mut others) = (Vec::new(), Vec::new());
+        let mut words = self.options.iter();
+        while let Some(word) = words.next() {
+            let Some(argument) = known(word) else {
+                others.push(word.clone());
+                continue;
+            };
+            own.push(word.clone());
+            if argument.get_action().takes_values() && !word.contains('=') {
+                own.extend(words.next().cloned());
+            }
+        }
+        let mut sorted = Self { options: others, ..self.clone() };
+        if !own.is_empty() {
+            own.push(self.scene.display().to_string());
+            let found = command().try_get_matches_from(&own)?;
+            let new = Self::from_arg_matches(&found)?;
+            let is_given = |name| found.value_source(name) == Some(ValueSource::CommandLine);
+            let (client, given) = (&mut sorted.client, new.client);
+            if is_given("server") {
+                client.server = given.server;
+            }
+            if is_given("token_file") {
+                client.token_file = given.token_file;
+            }
+            if is_given("priority") {
+                sorted.priority = new.priority;
+            }
+            client.json |= given.json;
+            client.ca = given.ca.or_else(|| client.ca.take());
+            sorted.idempotency_key = new.idempotency_key.or_else(|| sorted.idempotency_key.take());
+        }
+        Ok(sorted)
+    }
 }
 
 /// `raystream jobs`.
@@ -201,4 +250,28 @@ pub struct CheckSceneArgs {
     /// Light besides its own.
     #[command(flatten)]
     pub light: SpecArgs<LightSpec>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sorted(words: &[&str]) -> Result<SubmitArgs, clap::Error> {
+        let command = SubmitArgs::augment_args(clap::Command::new("submit").no_binary_name(true));
+        SubmitArgs::from_arg_matches(&command.try_get_matches_from(words)?)?.sorted()
+    }
+
+    #[test]
+    fn options_of_submit_stand_anywhere() {
+        let both =
+            ["--token-file", "t", "s.glb", "--size", "8x8", "--server", "https://a", "--json", "--spp", "4"];
+        let args = sorted(&both).expect("they are known");
+        assert_eq!(args.options, ["--size", "8x8", "--spp", "4"]);
+        assert_eq!((&*args.client.server, args.client.json), ("https://a", true));
+        assert_eq!(args.client.token_file, PathBuf::from("t"), "what stands before the scene stays");
+        assert_eq!((args.scene, args.priority), (PathBuf::from("s.glb"), "normal".into()));
+        let args = sorted(&["s.glb", "--priority=interactive", "--spp=4"]).expect("they are known");
+        assert_eq!((args.options, args.priority), (vec!["--spp=4".to_owned()], "interactive".to_owned()));
+        assert!(sorted(&["s.glb", "--spp", "4", "--server"]).is_err(), "a value is missing");
+    }
 }

@@ -8,7 +8,6 @@ use crate::picture::{Registry, RenderSpec, SpecGroup};
 use crate::serve::Pack;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::FromArgMatches;
-use clap::parser::ValueSource;
 use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::io::Write;
@@ -88,6 +87,7 @@ fn text<'a>(value: &'a Value, name: &str) -> &'a str {
 
 /// `raystream submit`.
 pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
+    let args = &args.sorted()?;
     let client = Client::new(&args.client)?;
     let pack = Pack::of(registry, &spec_of(registry, args)?)?;
     let path = format!("/api/v1/scenes/{}", pack.scene.sha256);
@@ -111,25 +111,21 @@ pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
 
 /// The render spec of the options that stand behind the scene.
 fn spec_of(registry: &Registry, args: &SubmitArgs) -> Result<RenderSpec> {
-    let first = ["raystream".into(), "render".into(), args.scene.as_os_str().to_owned()];
-    let all = first.into_iter().chain(args.options.iter().map(OsString::from)).collect();
+    let own: Vec<OsString> = args.options.iter().map(OsString::from).collect();
     let command = command(registry);
-    let arguments = options_file::expand(&command, all).map_err(|error| anyhow!(error))?;
-    let matches =
-        command.clone().try_get_matches_from(&arguments.all).map_err(|error| anyhow!(told(&error)))?;
-    let (_, given) = matches.subcommand().context("the command is `render`")?;
     let of_picture: Vec<&str> = RenderSpec::options().iter().map(|option| option.name).collect();
     let render = command.find_subcommand("render").context("there is the command `render`")?;
-    for arg in render.get_arguments() {
-        let is_given = given.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
-        if let Some(long) = arg.get_long()
-            && is_given
-            && long != "options"
-            && !of_picture.contains(&long)
-        {
+    for arg in render.get_arguments().filter(|arg| options_file::is_given(&own, arg)) {
+        let long = arg.get_long().unwrap_or_default();
+        if long != "options" && !of_picture.contains(&long) {
             bail!("--{long} is no option of a job; it may have --{}", of_picture.join(", --"));
         }
     }
+    // What an options file says of the machine does not travel.
+    let first = ["raystream".into(), "render".into(), args.scene.as_os_str().to_owned()];
+    let all = first.into_iter().chain(own).collect();
+    let arguments = options_file::expand(&command, all).map_err(|error| anyhow!(error))?;
+    let matches = command.try_get_matches_from(&arguments.all).map_err(|error| anyhow!(told(&error)))?;
     let Command::Render(mut render) = Cli::from_arg_matches(&matches)?.command else {
         bail!("the options are those of `raystream render`")
     };

@@ -181,7 +181,7 @@ fn tell(event: &Event, told: &Mutex<String>) {
         Event::Connected => "NATS: connected".into(),
         Event::Disconnected => "NATS: the connection is lost; it is made again".into(),
         Event::ServerError(error) if is_of_old_settings(&error.to_string()) => format!(
-            "NATS: {error}: the settings of the server are of an older raystream; write them again (raystream farm init)"
+            "NATS: {error}: the settings of the server are of an older raystream; write new ones (raystream farm init)"
         ),
         event => format!("NATS: {event}"),
     };

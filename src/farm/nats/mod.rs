@@ -1,7 +1,7 @@
 //! The bus over a NATS server: requests and their answers.
 //!
 //! Nothing lies on the server. Units, films and scenes travel in requests, from one process's memory into the other's
-//! disk. The server lets a worker's key ask under its own name alone. `docs/design/farm.md` names subjects and settings.
+//! disk. The server lets a worker's key ask under its own name alone. `docs/design/farm.md` has subjects and settings.
 
 mod bus;
 mod connection;

@@ -1,8 +1,8 @@
 //! What a NATS server is told: its limits, and for a farm whose keys may do what.
 //!
-//! Workers have an account of their own, and pass to the coordinator's only what `accounts` names. Permissions to publish
-//! would not be enough: they say nothing of the subject to which an answer goes. Within the workers' account a subject of
-//! the coordinator's means nothing.
+//! Workers have an account of their own, and pass to the coordinator's only what `accounts` names. Permissions to
+//! publish would not be enough: they say nothing of the subject to which an answer goes. Within the workers' account a
+//! subject of the coordinator's means nothing.
 
 use super::messages::MOST_BYTES;
 use super::subjects::{bell, inbox, live, question};

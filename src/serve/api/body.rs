@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 const LEAST_RATE: u64 = 1024;
 
 /// Bytes of a body that is refused that are read before the answer.
-const DRAINED_BYTES: usize = 64 << 20;
+const DRAINED_BYTES: u64 = 64 << 20;
 
 /// A body whose pieces come one after another.
 pub struct Pieces {
@@ -53,13 +53,21 @@ impl Pieces {
     /// The refusal of a body that is too large. Some of the rest is read first, because clients that are still sending
     /// would not see it.
     pub async fn refuse(&mut self) -> Problem {
-        let mut left = DRAINED_BYTES;
+        self.drain(DRAINED_BYTES).await;
+        too_large(self.name, self.limit)
+    }
+
+    /// Reads on to the end of the body, which is of no use any more, so that its client sees the answer.
+    pub async fn end(&mut self) {
+        self.drain(self.limit.saturating_sub(self.total)).await;
+    }
+
+    async fn drain(&mut self, mut left: u64) {
         while left > 0
             && let Ok(Some(Ok(piece))) = tokio::time::timeout(self.pause, self.stream.next()).await
         {
-            left = left.saturating_sub(piece.len().max(1));
+            left = left.saturating_sub(piece.len().max(1) as u64);
         }
-        too_large(self.name, self.limit)
     }
 }
 

@@ -14,13 +14,16 @@ pub async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// `GET /readyz`: the ledger answers too, and the service is not ending.
+/// `GET /readyz`: the ledger answers too, the data folder can be written, and the service is not ending.
 pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem> {
     if *state.ending().borrow() {
         return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending"));
     }
     state.blocking(|state| Ok(state.ledger().last_event()?)).await?;
-    Ok("ready\n")
+    match state.runner().trouble.now() {
+        None => Ok("ready\n"),
+        Some(why) => Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, why)),
+    }
 }
 
 /// `GET /api/v1/workers`: who renders, how fast, and what each has done.

@@ -4,11 +4,12 @@ use super::request::{JobRequest, parse_priority};
 use super::{body, scenes};
 use crate::serve::auth::hex;
 use crate::serve::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
+use crate::serve::runner::PICTURE;
 use crate::serve::{Demand, Problem, State};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::{Path, Query, State as Given};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -51,9 +52,9 @@ fn accept(
     })?;
     let priority = request.priority()?;
     if let Some(hook) = &request.webhook
-        && !["http://", "https://"].iter().any(|scheme| hook.url.starts_with(scheme))
+        && !is_web_address(&hook.url)
     {
-        return Err(Problem::unprocessable("webhook: the url begins with http:// or https://"));
+        return Err(Problem::unprocessable("webhook: the url is http:// or https:// with a host"));
     }
     let entry = state.store().entry(&request.scene, request.entry.as_deref())?;
     let folder = state.store().scene_folder(&request.scene);
@@ -61,10 +62,13 @@ fn accept(
     check_demand(state, &demand)?;
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
+    // Whoever is to be called is called for a job of its own.
     if is_function
         && !is_fresh
         && idempotency_key.is_none()
+        && request.webhook.is_none()
         && let Some(id) = state.ledger().known(&request_hash)?
+        && has_pictures(state, &id)?
     {
         metrics::counter!("raystream_known_requests_total").increment(1);
         return answer(state, &id, StatusCode::OK);
@@ -100,6 +104,21 @@ fn accept(
             Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))
         }
     }
+}
+
+/// Whether a text is an address that can be called.
+fn is_web_address(url: &str) -> bool {
+    let is_web = |uri: &Uri| matches!(uri.scheme_str(), Some("http" | "https"));
+    url.parse().is_ok_and(|uri: Uri| is_web(&uri) && uri.host().is_some_and(|host| !host.is_empty()))
+}
+
+/// Whether the pictures of a done job are there: its folder may have been removed to make space.
+fn has_pictures(state: &State, id: &str) -> Result<bool, Problem> {
+    let folder = state.store().job_folder(id);
+    let is_there = |frame: &FrameRow| {
+        folder.join(format!("frame-{}", frame.number)).join(PICTURE).with_extension("npz").is_file()
+    };
+    Ok(state.ledger().frames(id)?.iter().all(is_there))
 }
 
 /// Refuses what no job may ask for.

@@ -118,7 +118,12 @@ impl Found {
 }
 
 fn read(path: &FilePath) -> Result<Vec<u8>, Problem> {
-    std::fs::read(path).map_err(|error| gone(path, &error))
+    std::fs::read(path).map_err(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => {
+            Problem::missing("file of this picture any more: it was removed; submit the job again")
+        }
+        _ => gone(path, &error),
+    })
 }
 
 fn gone(path: &FilePath, error: &dyn std::fmt::Display) -> Problem {

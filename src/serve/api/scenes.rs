@@ -54,13 +54,32 @@ pub async fn upload(
         let detail = format!("{most} uploads are under way; wait for one of them");
         Problem::limit(StatusCode::TOO_MANY_REQUESTS, "uploads", most, detail)
     })?;
-    let mut upload = state.blocking(|state| state.store().begin().map_err(store::refused)).await?;
+    let refused = |state: &State, error: std::io::Error| {
+        state.runner().trouble.note(&format!("the data folder cannot be written: {error}"));
+        store::refused(error)
+    };
+    let begun =
+        state.blocking(move |state| state.store().begin().map_err(|error| refused(state, error))).await;
+    let mut upload = match begun {
+        Ok(upload) => upload,
+        Err(problem) => {
+            pieces.end().await;
+            return Err(problem);
+        }
+    };
     while let Some(piece) = pieces.next().await? {
-        let written = state.blocking(move |_| {
-            upload.write(&piece).map_err(store::refused)?;
+        let written = state.blocking(move |state| {
+            upload.write(&piece).map_err(|error| refused(state, error))?;
             Ok(upload)
         });
-        upload = written.await?;
+        upload = match written.await {
+            Ok(upload) => upload,
+            Err(problem) => {
+                // What is still sent has no place, and its sender is to be told.
+                pieces.end().await;
+                return Err(problem);
+            }
+        };
     }
     let kept = sha256.clone();
     let bytes = state

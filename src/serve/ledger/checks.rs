@@ -2,6 +2,7 @@
 
 use super::jobs::note;
 use super::rows::{Checks, Pending, UnitRow};
+use super::units::begin_anew;
 use super::{Ledger, LedgerError, now_ms};
 use rusqlite::{Connection, params};
 use serde_json::json;
@@ -105,7 +106,7 @@ impl Ledger {
     }
 
     /// Writes down that a worker may take no more units, and why. Jobs that have ended and have pictures with its sums
-    /// are suspect from here on. Returns frames of other jobs that have such sums.
+    /// are suspect from here on. Frames of other jobs that have such sums begin anew, and are returned.
     ///
     /// # Errors
     /// If the ledger cannot be used.
@@ -123,7 +124,9 @@ impl Ledger {
                     note(transaction, &job, "suspect", &json!({ "frame": frame, "worker": name }))?;
                 }
             }
-            contributions(transaction, &key, "")
+            let anew = contributions(transaction, &key, "")?;
+            anew.iter().try_for_each(|(job, frame)| begin_anew(transaction, job, *frame))?;
+            Ok(anew)
         })
     }
 

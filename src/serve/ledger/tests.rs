@@ -64,7 +64,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     ledger.reopen_unit("a1", &units()[1]).expect("again");
     assert_eq!((units()[0].state, units()[1].state), (UnitState::Kept, UnitState::Open));
     assert!(keep(1), "kept again");
-    ledger.fold("a1", 0, 7).expect("folded");
+    ledger.fold("a1", (0, 0), 7).expect("folded");
     let (round, sums, rows) = ledger.units_of("a1", 0).expect("units");
     assert_eq!((round, sums, rows.len(), rows[0].number, rows[0].state), (0, 7, 1, 1, UnitState::Folded));
     let totals = ledger.totals("a1").expect("totals");
@@ -75,7 +75,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     for number in 0..2 {
         let hash = Some(format!("hash {number}"));
         let row = FrameRow { number, name: String::new(), hash, layers: None, metadata: None };
-        ledger.finish_frame("a1", row).expect("finished");
+        assert!(ledger.finish_frame("a1", row, None).expect("finished"));
     }
     let job = ledger.job("a1").expect("a ledger").expect("the job");
     assert_eq!(
@@ -143,7 +143,7 @@ fn planned(ledger: &Ledger, id: &str) {
 
 fn finish(ledger: &Ledger, id: &str, number: u32) {
     let row = FrameRow { number, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
-    ledger.finish_frame(id, row).expect("finished");
+    assert!(ledger.finish_frame(id, row, Some(0)).expect("finished"));
 }
 
 #[test]
@@ -156,13 +156,16 @@ fn comparisons_outlive_the_process_and_are_counted() {
     assert!(
         ledger.keep_unit("a1", row.clone(), "w", Rendering::default(), Some(blocks.clone())).expect("kept")
     );
-    ledger.fold("a1", 0, 1).expect("folded");
+    ledger.fold("a1", (0, 0), 1).expect("folded");
     drop(ledger);
     let ledger = Ledger::open(folder.path()).expect("the same ledger");
     let pending = ledger.pending("a1", 0).expect("pending");
     let expected = UnitRow { blocks: 2, state: UnitState::Kept, ..row.clone() };
     assert_eq!(pending, [Pending { unit: expected, blocks, name: "w".into() }]);
     assert!(ledger.pending("a1", 1).expect("pending").is_empty());
+    let early =
+        FrameRow { number: 0, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    assert!(!ledger.finish_frame("a1", early, Some(0)).expect("a ledger"), "it is to be compared first");
     for _ in 0..2 {
         ledger.end_comparison("a1", &row, ["K".into(), "L".into()]).expect("ended once");
     }
@@ -186,7 +189,11 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
     // The job that goes on loses a picture, and the one that has ended is suspect.
     let anew = ledger.quarantine("liar", "w1", "it lies").expect("quarantined");
     assert_eq!(anew, [("b1".into(), 0)]);
-    ledger.begin_anew("b1", 0).expect("begun");
+    assert_eq!(ledger.units_of("b1", 0).expect("units"), (1, 0, vec![]), "another round");
+    let late =
+        FrameRow { number: 0, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    assert!(!ledger.finish_frame("b1", late, Some(0)).expect("a ledger"), "a picture of the round before");
+    assert!(ledger.fold("b1", (0, 0), 9).is_err(), "sums of the round before");
     assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);
     let suspects = |id: &str| ledger.checks(id).expect("checks").suspects;
     assert_eq!((suspects("a1"), suspects("b1"), suspects("c1")), (vec!["w1".into()], vec![], vec![]));

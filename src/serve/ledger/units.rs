@@ -95,8 +95,8 @@ impl Ledger {
         })
     }
 
-    /// Writes down that the sums of a unit are on the disk, and by whom (`name`); with `blocks`, those of the unit, that
-    /// they are to be compared. False if they were there before.
+    /// Writes down that the sums of a unit are on the disk, and by whom (`name`); with `blocks`, those of the unit,
+    /// that they are to be compared. False if they were there before.
     ///
     /// # Errors
     /// If the ledger cannot be used.
@@ -141,12 +141,14 @@ impl Ledger {
     /// last of each pass, from which the next is cut.
     ///
     /// # Errors
-    /// If the ledger cannot be used.
-    pub fn fold(&self, job: &str, frame: u32, sums: u64) -> Result<(), LedgerError> {
+    /// If the ledger cannot be used, or the frame has begun anew.
+    pub fn fold(&self, job: &str, (frame, round): (u32, u32), sums: u64) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let update = "UPDATE frame SET sums = ?3 WHERE job = ?1 AND number = ?2";
-            transaction.execute(update, params![job, frame, sums as i64])?;
+            let update = "UPDATE frame SET sums = ?4 WHERE job = ?1 AND number = ?2 AND round = ?3";
+            if transaction.execute(update, params![job, frame, round, sums as i64])? == 0 {
+                return Err(rusqlite::Error::QueryReturnedNoRows);
+            }
             let units = "UPDATE unit SET state = 2 WHERE job = ?1 AND frame = ?2 AND state = 1";
             transaction.execute(units, params![job, frame])?;
             let is_before = "state = 2 AND EXISTS (SELECT 1 FROM unit AS other WHERE other.job = unit.job \
@@ -161,35 +163,30 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn begin_anew(&self, job: &str, frame: u32) -> Result<(), LedgerError> {
         let job = job.to_owned();
-        self.change(move |transaction| {
-            for table in ["unit", "contributor", "comparison", "attempt"] {
-                let delete = format!("DELETE FROM {table} WHERE job = ?1 AND frame = ?2");
-                transaction.execute(&delete, params![job, frame])?;
-            }
-            let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0, compared = 0, round = round + 1, \
-                hash = NULL, layers = NULL, metadata = NULL WHERE job = ?1 AND number = ?2";
-            transaction.execute(update, params![job, frame])?;
-            Ok(())
-        })
+        self.change(move |transaction| begin_anew(transaction, &job, frame))
     }
 
-    /// Writes down that the pictures of a frame are on the disk; with the last one the job is done.
+    /// Writes down that the pictures of a frame are on the disk; with the last one the job is done. False if the frame
+    /// has begun another round than this one, or units of it are to be compared.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn finish_frame(&self, job: &str, frame: FrameRow) -> Result<(), LedgerError> {
+    pub fn finish_frame(&self, job: &str, frame: FrameRow, round: Option<u32>) -> Result<bool, LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
             let FrameRow { number, hash, layers, metadata, .. } = frame;
-            transaction.execute(
-                "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5 WHERE job = ?1 AND number = ?2",
-                params![job, number, hash, layers, metadata],
-            )?;
+            let update = "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5 WHERE job = ?1 AND number = ?2 \
+                AND round = coalesce(?6, round) \
+                AND NOT EXISTS (SELECT 1 FROM comparison WHERE job = ?1 AND frame = ?2)";
+            if transaction.execute(update, params![job, number, hash, layers, metadata, round])? == 0 {
+                return Ok(false);
+            }
             count_and_remove(transaction, &job, number, "true")?;
             let totals = totals(transaction, &job)?;
             let data = json!({ "frame": number, "hash": hash, "progress": totals });
             note(transaction, &job, "frame", &data)?;
-            finish_job(transaction, &job)
+            finish_job(transaction, &job)?;
+            Ok(true)
         })
     }
 
@@ -292,6 +289,18 @@ impl Ledger {
             Ok(())
         })
     }
+}
+
+/// Forgets all units of a frame, and its picture.
+pub(super) fn begin_anew(connection: &Connection, job: &str, frame: u32) -> rusqlite::Result<()> {
+    for table in ["unit", "contributor", "comparison", "attempt"] {
+        let delete = format!("DELETE FROM {table} WHERE job = ?1 AND frame = ?2");
+        connection.execute(&delete, params![job, frame])?;
+    }
+    let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0, compared = 0, round = round + 1, \
+        hash = NULL, layers = NULL, metadata = NULL WHERE job = ?1 AND number = ?2";
+    connection.execute(update, params![job, frame])?;
+    Ok(())
 }
 
 /// Removes units of a frame and counts them as done in the frame's row.

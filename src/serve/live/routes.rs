@@ -40,10 +40,15 @@ async fn live(
     let ending = state.ending();
     Ok(socket::limited(upgrade).on_upgrade(move |socket| async move {
         // A browser shows why only if it is told after the upgrade.
-        let staged = tokio::task::spawn_blocking(move || stage(&state, scene)).await;
-        let stage = match staged {
-            Ok(stage) => stage.map_err(|problem| problem.detail().to_owned()),
-            Err(_) => Err("the scene could not be read; see the log".to_owned()),
+        // The place comes before the scene: whoever gets none has nothing read.
+        let stage = match views.enter() {
+            Err(error) => Err(error.to_string()),
+            Ok(place) => {
+                match tokio::task::spawn_blocking(move || (stage(&state, scene), drop(place)).0).await {
+                    Ok(stage) => stage.map_err(|problem| problem.detail().to_owned()),
+                    Err(_) => Err("the scene could not be read; see the log".to_owned()),
+                }
+            }
         };
         socket::run(socket, views, stage, ending).await;
     }))
@@ -72,8 +77,12 @@ fn stage(state: &State, scene: Option<String>) -> Result<Stage, Problem> {
         (None, Some(own)) => (own.path().to_owned(), own.path().parent().unwrap_or(own.path()).to_owned()),
         (None, None) => return Err(Problem::missing("scene to show")),
     };
-    let shots =
-        state.backend().open(&RenderSpec::default(), &path, &folder).map_err(Problem::unprocessable)?;
+    let shots = match &scene {
+        // A process of its own reads what others have uploaded, within the limits of jobs.
+        Some(_) => state.runner().read(&path, &folder),
+        None => state.backend().open(&RenderSpec::default(), &path, &folder),
+    };
+    let shots = shots.map_err(Problem::unprocessable)?;
     let name = match &scene {
         Some(sha256) => sha256[..8].to_owned(),
         None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),

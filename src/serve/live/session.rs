@@ -101,17 +101,22 @@ impl LiveViews {
         stage: Stage,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> io::Result<CountedView> {
+        let mut counted = self.enter().map_err(io::Error::other)?;
+        counted.view = Some(LiveView::new(stage, wake)?);
+        Ok(counted)
+    }
+
+    /// Takes the place of a view that is to be opened, until the value is dropped.
+    ///
+    /// # Errors
+    /// If there are too many.
+    pub(super) fn enter(self: &Arc<Self>) -> Result<CountedView, TooManyViews> {
         let most = self.limits.views;
         let counted = self
             .open
             .try_update(Ordering::Relaxed, Ordering::Relaxed, |open| (open < most).then_some(open + 1));
-        if counted.is_err() {
-            return Err(io::Error::other(TooManyViews(most)));
-        }
-        // From here on dropping it counts down.
-        let mut counted = CountedView { view: None, views: Arc::clone(self) };
-        counted.view = Some(LiveView::new(stage, wake)?);
-        Ok(counted)
+        counted.map_err(|_| TooManyViews(most))?;
+        Ok(CountedView { view: None, views: Arc::clone(self) })
     }
 }
 

@@ -1,7 +1,7 @@
 //! A live view on a WebSocket: frames as binary messages, requests and replies as JSON.
 
 use super::{LiveViews, Reply, Request, Stage};
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Notify, watch};
@@ -11,6 +11,9 @@ const CREDITS: usize = 2;
 
 /// The longest message of a client in bytes: a shader and what is around it.
 const MOST_BYTES: usize = crate::program::MAX_SOURCE_BYTES + 4096;
+
+/// The code with which a connection is closed that gets no view.
+const REFUSED: u16 = 4001;
 
 /// The time after which a ping is sent to a silent client.
 const PING_AFTER: Duration = Duration::from_secs(15);
@@ -126,7 +129,9 @@ async fn send_reply(socket: &mut WebSocket, reply: &Reply) -> Result<(), axum::E
 async fn refuse(mut socket: WebSocket, reason: String) {
     // The client may have left already.
     send_reply(&mut socket, &Reply::Refused { reason }).await.ok();
-    socket.send(Message::Close(None)).await.ok();
+    // A client that knows the code does not ask for the same again.
+    let frame = CloseFrame { code: REFUSED, reason: "refused".into() };
+    socket.send(Message::Close(Some(frame))).await.ok();
 }
 
 /// Ends a view on a thread that may wait for it.

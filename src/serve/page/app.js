@@ -38,7 +38,14 @@ function watch(scene) {
   url.protocol = url.protocol.replace("http", "ws");
   url.hash = "";
   if (scene) url.searchParams.set("scene", scene);
-  live = new Live(url);
+  live = new Live(url, (reason) => {
+    live = null;
+    if (scene) return;
+    // No scene was asked for, and there is none that can be shown: jobs are where one comes from.
+    location.hash = "jobs";
+    jobs ??= new Jobs();
+    jobs.tell(reason);
+  });
 }
 
 /** Asks for the token until it is right. */

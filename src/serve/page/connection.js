@@ -1,6 +1,8 @@
 // The WebSocket of a live view: frames in, requests out, and a new connection when one ends.
 
 const HEADER_BYTES = 32;
+/** The code of a connection that is closed because there is nothing to show: the same again would be refused again. */
+const REFUSED = 4001;
 const RETRY_MS = [250, 500, 1000, 2000];
 
 /** A frame's header and payload; null if it is none. */
@@ -31,7 +33,7 @@ export function isNewer(frame, shown) {
 export class Connection {
   /**
    * `on.open()` is called for each new connection, `on.reply(message)`, `on.frame(frame, bitmap)` for each frame that
-   * is to be shown, `on.file(frame)`, and `on.state("open" | "retry" | "closed")`.
+   * is to be shown, `on.file(frame)`, and `on.state("open" | "retry" | "refused" | "closed")`.
    */
   constructor(url, on) {
     Object.assign(this, { url, on, generation: 0, attempts: 0, isOver: false });
@@ -56,8 +58,12 @@ export class Connection {
       if (typeof data === "string") return this.on.reply(JSON.parse(data));
       this.take(data, socket);
     };
-    socket.onclose = () => {
+    socket.onclose = ({ code }) => {
       if (this.isOver) return;
+      if (code === REFUSED) {
+        this.isOver = true;
+        return this.on.state("refused");
+      }
       this.on.state("retry");
       const wait = RETRY_MS[Math.min(this.attempts++, RETRY_MS.length - 1)];
       setTimeout(() => this.isOver || this.connect(), wait);

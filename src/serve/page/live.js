@@ -27,7 +27,9 @@ const toHex = (colour) => `#${colour.map((x) => toSrgb(Math.min(1, x)).toString(
 const fromHex = (hex) => [1, 3, 5].map((at) => fromSrgb(parseInt(hex.slice(at, at + 2), 16)));
 
 export class Live {
-  constructor(url) {
+  /** `refused(reason)` is called once if the service shows nothing at this address. */
+  constructor(url, refused) {
+    this.refused = refused;
     this.canvas = $("picture");
     this.context = this.canvas.getContext("2d");
     this.lists = new ListPlot($("lists"));
@@ -57,13 +59,19 @@ export class Live {
   }
 
   close() {
+    this.notice(null);
     this.connection.close();
   }
 
   tellState(state) {
-    const told = { open: "connected", retry: "reconnecting …", closed: "offline" }[state];
+    const told = { open: "connected", retry: "reconnecting …", refused: "nothing to show", closed: "offline" }[state];
     $("connection").dataset.state = state;
     $("connection").textContent = told;
+    if (state === "refused") {
+      // What is refused stays refused, so the reason stays, too.
+      clearTimeout(this.noticeTimer);
+      this.refused($("notice").textContent);
+    }
   }
 
   notice(text) {

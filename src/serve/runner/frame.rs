@@ -53,8 +53,8 @@ pub(super) struct FrameState {
 /// What became of a finished unit.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Kept {
-    /// It is on the disk, with so many pixels × samples. Whether the frame has all of its samples now.
-    New { samples: u64, is_complete: bool },
+    /// It is on the disk and in the ledger. Whether the frame has all of its samples now.
+    New { unit: UnitRow, is_complete: bool },
     /// It was there before, or its pass has ended.
     Before,
     /// It is of another picture: scene, options or program differ.
@@ -208,13 +208,6 @@ impl OpenFrame {
         self.identity == identity
     }
 
-    /// Forgets all of its units, whose sums may be wrong.
-    pub fn begin_anew(&self, ledger: &Ledger) -> Result<(), Failure> {
-        let mut state = self.state();
-        state.is_broken = true;
-        Ok(ledger.begin_anew(&self.job, self.frame)?)
-    }
-
     /// Whether it is to be opened again. False while it is busy.
     pub fn is_broken(&self) -> bool {
         self.state.try_lock().is_ok_and(|state| state.is_broken)
@@ -287,7 +280,7 @@ impl OpenFrame {
         let (blocks, bytes, deliveries) = (unit.blocks, patch.sums().len() as u64, lease.deliveries);
         let rendering =
             Rendering { began_ms, came_ms, seconds, opening_s, blocks, samples, bytes, deliveries };
-        let is_known = ledger.keep_unit(&self.job, unit, by.name, rendering, compared);
+        let is_known = ledger.keep_unit(&self.job, unit.clone(), by.name, rendering, compared);
         if !matches!(is_known, Ok(true)) {
             // The sums in memory have what the ledger does not know of.
             state.is_broken = true;
@@ -301,7 +294,7 @@ impl OpenFrame {
             let folded = self.fold(ledger, &mut state);
             folded.unwrap_or_else(|error| log::warn!("job {}: {error:?}", self.job));
         }
-        Ok(Kept::New { samples, is_complete })
+        Ok(Kept::New { unit, is_complete })
     }
 
     /// Writes all sums into one file.
@@ -310,7 +303,7 @@ impl OpenFrame {
         let path = self.folder.join(format!("{SUMS}{}", state.sums + 1));
         write(&path, |file| state.gathering.save(file))?;
         failpoint::pass("sums-written");
-        if let Err(error) = ledger.fold(&self.job, self.frame, state.sums + 1) {
+        if let Err(error) = ledger.fold(&self.job, (self.frame, self.round), state.sums + 1) {
             // Whether it has been done is not known.
             state.is_broken = true;
             return Err(error.into());

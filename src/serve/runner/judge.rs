@@ -17,8 +17,8 @@ const HOME: &str = "coordinator";
 type Home<'a> = (&'a UnitId, &'a UnitRow, &'a [u32]);
 
 impl Runner {
-    /// Renders a unit and compares its sums with those of workers. Who was wrong gets no more units, and frames to which
-    /// it has contributed begin anew.
+    /// Renders a unit and compares its sums with those of workers. Who was wrong gets no more units, and frames to
+    /// which it has contributed begin anew.
     pub(super) fn arbitrate(
         &self,
         job: &Job,
@@ -54,10 +54,20 @@ impl Runner {
         // First, so that nothing of it is kept from here on that is not found below.
         state.workers.quarantine(&party.key, &party.name, reason);
         drop(state);
-        for (job, frame) in self.ledger.quarantine(&party.key, &party.name, reason)? {
-            log::warn!("job {job}: frame {frame} begins anew: it has sums of worker {label}");
-            self.begin_anew(&job, frame)?;
+        self.undo(&party.key, &party.name, reason)
+    }
+
+    /// Writes down that a worker was found wrong; frames of jobs that go on and have its sums begin anew.
+    pub(super) fn undo(&self, key: &str, name: &str, reason: &str) -> Result<(), Failure> {
+        for (job, frame) in self.ledger.quarantine(key, name, reason)? {
+            log::warn!("job {job}: frame {frame} begins anew: it has sums of worker {name}");
+            let state = self.state();
+            let open = state.runs.get(&job).and_then(|run| run.frames.get(&frame)).cloned();
+            drop(state);
+            open.inspect(|open| open.break_off());
+            self.state().forget_frame(&job, frame);
         }
+        self.wake();
         Ok(())
     }
 
@@ -95,7 +105,7 @@ impl Runner {
         let (seconds, by) = (finished.seconds, By { key: HOME, name: HOME, is_compared: false });
         let leased = LeasedFor { began: Some(began), deliveries: 1 + failed.len() as u64 };
         match frame.keep(&self.ledger, finished, by, leased)? {
-            Kept::New { samples, .. } => drop(self.note_kept(HOME, id, samples, seconds, None)),
+            Kept::New { unit, .. } => self.note_kept(HOME, id, unit.samples(), seconds, None),
             Kept::Before => drop(self.state().remove(id)),
             Kept::Foreign => return Err(Failure::Stopped),
             Kept::Wrong(why) => return Err(Failure::Job(why)),

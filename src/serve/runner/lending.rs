@@ -176,7 +176,7 @@ impl Runner {
         let before = unit.holders.len();
         unit.holders.retain(|holder| holder.key != key);
         if unit.holders.len() < before {
-            state.workers.failed(key, "it gives units back", lease);
+            state.workers.gave_back(key, lease);
             state.settle(key);
             self.ring(state);
         }

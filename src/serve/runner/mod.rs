@@ -29,6 +29,7 @@ use super::auth::Secret;
 use super::ledger::{Job, Ledger, LedgerError};
 use super::live::Workforce;
 use super::store::Store;
+use super::trouble::Trouble;
 use super::{Limits, RenderBackend, SceneReader, is_sha256};
 use crate::farm::{
     LEASE, LiveScene, LocalBus, NoScene, SceneSource, UnitId, UnitWatch, WorkBus, Worker, WorkerOptions,
@@ -84,6 +85,7 @@ pub struct Runner {
     /// What renders in this process.
     own: Option<Arc<Worker>>,
     files: SceneFiles,
+    pub(super) trouble: Trouble,
     state: Mutex<State>,
     changed: Condvar,
     queued: Mutex<VecDeque<(Job, Task, Arc<UnitWatch>)>>,
@@ -174,6 +176,7 @@ impl Runner {
             bus,
             own,
             files: SceneFiles::default(),
+            trouble: Trouble::default(),
             state: Mutex::new(state),
             changed: Condvar::new(),
             queued: Mutex::default(),

@@ -36,7 +36,7 @@ impl Runner {
         while !self.ending.load(SeqCst) {
             let planned = self.plan_once();
             if let Err(error) = planned {
-                log::warn!("{error}; the next try is in {} s", NAP.as_secs());
+                self.trouble.note(&error.to_string());
                 std::thread::sleep(NAP / 4);
             }
             let state = self.state();

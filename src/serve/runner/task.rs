@@ -8,7 +8,7 @@ use super::{NAP, Runner};
 use crate::farm::{UnitId, UnitWatch};
 use crate::files::sync_folder;
 use crate::film::Picture;
-use crate::picture::Watch;
+use crate::picture::{RenderSpec, Watch};
 use crate::render::Blocks;
 use crate::serve::api::JobRequest;
 use crate::serve::ledger::{FrameRow, Job, JobState, LedgerError, Pending, UnitRow};
@@ -139,9 +139,14 @@ impl Runner {
     /// Writes down what became of a task. Returns whether the job is to rest before the next.
     fn conclude(&self, job: &Job, result: Result<(), Failure>) -> bool {
         match result {
-            Ok(()) | Err(Failure::Stopped) => false,
+            Ok(()) => {
+                self.trouble.end();
+                false
+            }
+            Err(Failure::Stopped) => false,
             Err(Failure::Disk(error)) => {
-                log::warn!("job {}: {error}; the next try is in {} s", job.id, NAP.as_secs());
+                self.trouble.note(&error);
+                log::debug!("job {}: {error}; the next try is in {} s", job.id, NAP.as_secs());
                 true
             }
             Err(Failure::Job(error)) => {
@@ -197,6 +202,14 @@ impl Runner {
         self.reader.open(spec, &path, &folder)
     }
 
+    /// Reads a scene that was uploaded, without options, as those of jobs are read.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    pub fn read(&self, path: &Path, folder: &Path) -> Result<OpenJob, String> {
+        self.reader.open(&RenderSpec::default(), path, folder)
+    }
+
     fn plan(&self, job: &Job) -> Result<(), Failure> {
         let shots = self.open(job)?;
         let frames = shots.frames();
@@ -238,8 +251,12 @@ impl Runner {
     /// Writes the pictures of a frame that has all samples.
     fn finish_frame(&self, job: &Job, frame: &OpenFrame) -> Result<(), Failure> {
         failpoint::pass("folding");
+        if !self.ledger.pending(&job.id, frame.frame)?.is_empty() {
+            // It looked complete before its last comparison was known.
+            return Err(Failure::Stopped);
+        }
         let picture = frame.state.lock().expect("no holder panics").gathering.develop();
-        self.finish(job, frame.frame, &frame.shots, &picture)?;
+        self.finish(job, (frame.frame, Some(frame.round)), &frame.shots, &picture)?;
         frame.remove_files();
         let mut state = self.state();
         if let Some(run) = state.runs.get_mut(&job.id) {
@@ -259,13 +276,19 @@ impl Runner {
         let spent = spent + began.elapsed();
         self.ledger.set_spent(&job.id, spent.as_millis() as i64)?;
         let picture = picture.ok_or(Failure::Stopped)?;
-        self.finish(job, frame, &shots, &picture)?;
+        self.finish(job, (frame, None), &shots, &picture)?;
         results::remove(&checkpoint);
         Ok(())
     }
 
     /// Writes the pictures of a frame and then its row of the ledger.
-    fn finish(&self, job: &Job, frame: u32, shots: &OpenJob, picture: &Picture) -> Result<(), Failure> {
+    fn finish(
+        &self,
+        job: &Job,
+        (frame, round): (u32, Option<u32>),
+        shots: &OpenJob,
+        picture: &Picture,
+    ) -> Result<(), Failure> {
         let folder = self.frame_folder(&job.id, frame);
         std::fs::create_dir_all(&folder)?;
         let write = |extension: &str| {
@@ -294,7 +317,8 @@ impl Runner {
             layers: Some(json(serde_json::to_string(&picture.layer_hashes()))?),
             metadata: Some(json(serde_json::to_string(&picture.metadata))?),
         };
-        Ok(self.ledger.finish_frame(&job.id, row)?)
+        // A frame that has begun anew meanwhile is not finished.
+        if self.ledger.finish_frame(&job.id, row, round)? { Ok(()) } else { Err(Failure::Stopped) }
     }
 
     fn frame_folder(&self, job: &str, frame: u32) -> PathBuf {

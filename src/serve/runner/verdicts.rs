@@ -8,7 +8,6 @@ use super::task::{Failure, Task};
 use super::{Runner, State};
 use crate::farm::{self, FailureReport, FinishedUnit, UnitId, Verdict, sentence};
 use crate::serve::failpoint;
-use std::sync::Arc;
 
 /// The longest time of a unit that is believed, in seconds.
 const MOST_SECONDS: f64 = 1e6;
@@ -23,6 +22,7 @@ impl Runner {
         let seconds = |seconds: f64| if seconds.is_finite() { seconds.clamp(0.0, MOST_SECONDS) } else { 0.0 };
         (finished.seconds, finished.opening_s) = (seconds(finished.seconds), seconds(finished.opening_s));
         let id = finished.held.unit.clone();
+        let finished_id = id.clone();
         let mut state = self.state();
         state.workers.seen(key);
         if let Some(why) = state.workers.refusal(key) {
@@ -48,19 +48,15 @@ impl Runner {
         }
         let (seconds, digest, blocks) = (finished.seconds, finished.digest.clone(), finished.blocks.clone());
         let by = By { key, name: &name, is_compared };
-        let row = frame.find(id.pass, id.number).ok().flatten().map(|(row, _)| row);
         let (verdict, label) = match frame.keep(&self.ledger, finished, by, leased) {
-            Ok(Kept::New { samples, is_complete }) => {
+            Ok(Kept::New { unit: row, is_complete }) => {
+                self.trouble.end();
                 metrics::histogram!("raystream_unit_seconds").record(seconds);
                 let first = Party { key: key.to_owned(), name, digest };
-                let comparison = row.filter(|_| is_compared).map(|row| {
-                    let id = UnitId { copy: 1, ..id.clone() };
-                    Comparison { id, row, blocks, first }
-                });
-                let is_refused = self.note_kept(key, &id, samples, seconds, comparison);
-                if is_refused && let Err(error) = self.begin_anew(&id.job, id.frame) {
-                    log::warn!("job {}: {error:?}", id.job);
-                }
+                let samples = row.samples();
+                let id = UnitId { copy: 1, ..id.clone() };
+                let comparison = is_compared.then(|| Comparison { id, row, blocks, first });
+                self.note_kept(key, &finished_id, samples, seconds, comparison);
                 failpoint::pass(if is_complete { "frame-complete" } else { "unit-kept" });
                 (Verdict::Kept, "done")
             }
@@ -72,7 +68,8 @@ impl Runner {
             Ok(Kept::Wrong(why)) => (self.take_wrong(key, &id, why), "refused"),
             Err(error) => {
                 let (Failure::Disk(why) | Failure::Job(why)) = error else { return Verdict::Later };
-                log::warn!("unit {id}: {why}; the worker keeps it for now");
+                self.trouble.note(&why);
+                log::debug!("unit {id}: {why}; the worker keeps it for now");
                 (Verdict::Later, "disk")
             }
         };
@@ -81,7 +78,7 @@ impl Runner {
         verdict
     }
 
-    /// Takes note of a unit whose sums are kept. Whether its worker was found wrong meanwhile.
+    /// Takes note of a unit whose sums are kept. If its worker was found wrong meanwhile, its frame begins anew.
     pub(super) fn note_kept(
         &self,
         key: &str,
@@ -89,9 +86,10 @@ impl Runner {
         samples: u64,
         seconds: f64,
         comparison: Option<Comparison>,
-    ) -> bool {
+    ) {
         let lease = self.bus.lease_time();
-        let state = &mut *self.state();
+        let mut guard = self.state();
+        let state = &mut *guard;
         state.workers.returned(key);
         state.workers.done(key, samples, seconds);
         state.runs.get_mut(&id.job).into_iter().for_each(|run| run.speed.add(samples, seconds));
@@ -100,11 +98,18 @@ impl Runner {
             state.workers.failed(&failed, &what, lease);
         }
         state.comparisons.extend(comparison);
-        state.workers.refusal(key).is_some()
+        let found = state.workers.refusal(key).cloned();
+        let name = state.workers.name(key);
+        drop(guard);
+        if let Some(reason) = found
+            && let Err(error) = self.undo(key, &name, &reason)
+        {
+            log::warn!("job {}: {error:?}", id.job);
+        }
     }
 
-    /// What becomes of sums that are of another picture: the worker fetches the scene anew, and then goes home. The unit
-    /// is not to blame.
+    /// What becomes of sums that are of another picture: the worker fetches the scene anew, and then goes home. The
+    /// unit is not to blame.
     fn take_foreign(&self, key: &str, id: &UnitId) -> Verdict {
         let lease = self.bus.lease_time();
         let state = &mut *self.state();
@@ -204,7 +209,8 @@ impl Runner {
         Verdict::Kept
     }
 
-    /// Takes note that a worker cannot render a unit that it has. Others try it; if none of them can, this process does.
+    /// Takes note that a worker cannot render a unit that it has. Others try it; if none of them can, this process
+    /// does.
     pub(super) fn take_failure(&self, key: &str, failure: FailureReport) {
         if !self.is_holder(key, &failure.held) {
             return self
@@ -229,21 +235,6 @@ impl Runner {
         self.ring(&mut state);
         drop(state);
         self.wake();
-    }
-
-    /// Forgets what there is of a frame that may hold wrong sums, and its units that are on their way.
-    pub(super) fn begin_anew(&self, job: &str, frame: u32) -> Result<(), Failure> {
-        let state = self.state();
-        let open: Option<Arc<OpenFrame>> =
-            state.runs.get(job).and_then(|run| run.frames.get(&frame)).cloned();
-        drop(state);
-        match open {
-            Some(open) => open.begin_anew(&self.ledger)?,
-            None => self.ledger.begin_anew(job, frame)?,
-        }
-        self.state().forget_frame(job, frame);
-        self.wake();
-        Ok(())
     }
 }
 

@@ -35,6 +35,8 @@ struct Known {
     /// Why this process of it may take no more units.
     sent_home: Option<String>,
     complaints: u64,
+    /// When it last gave a unit back that was counted.
+    gave_back: Option<Instant>,
 }
 
 /// What a worker that asks for a unit is.
@@ -130,6 +132,7 @@ impl Workers {
             foreign: HashSet::new(),
             sent_home: None,
             complaints: 0,
+            gave_back: None,
         });
         if another {
             (known.sent_home, known.owes_since) = (None, None);
@@ -221,6 +224,16 @@ impl Workers {
         }
         let known = self.known.get_mut(key);
         known.into_iter().for_each(|known| known.owes_since = known.owes_since.map(|_| Instant::now()));
+    }
+
+    /// Takes note that a worker gives a unit back. One that ends gives several back at once, which counts as one.
+    pub fn gave_back(&mut self, key: &str, lease: Duration) {
+        let Some(known) = self.known.get_mut(key) else { return };
+        let is_one = known.gave_back.is_some_and(|last| last.elapsed() < lease / 5);
+        if !is_one {
+            known.gave_back = Some(Instant::now());
+            self.failed(key, "it gives units back", lease);
+        }
     }
 
     /// Takes note that a worker has lost or given back what it had, or has said what is not so.

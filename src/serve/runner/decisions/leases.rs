@@ -70,8 +70,8 @@ pub fn taking(asked: &Asked<'_>, silence: Duration, lease: Duration) -> Taking {
     }
 }
 
-/// Whether a second worker is to render a unit, for which `drawn` was drawn from 0 to 1. A key that has brought fewer than
-/// so many units is new.
+/// Whether a second worker is to render a unit, for which `drawn` was drawn from 0 to 1. A key that has brought fewer
+/// than so many units is new.
 pub fn is_compared(drawn: f64, share: f64, brought: u64) -> bool {
     share > 0.0 && (drawn <= share || brought < FIRST_COMPARED)
 }
