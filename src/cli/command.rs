@@ -24,9 +24,10 @@ pub fn command(registry: &Registry) -> Command {
 
 /// The help of `--set`, which lists all options.
 fn options_help(registry: &Registry) -> String {
-    let mut help = "Set an option of the integrator or of a surface; NAME.KEY=VALUE says whose. Repeatable. The options, \
-                    with their defaults:"
-        .to_owned();
+    let mut help =
+        "Set an option of the integrator or of a surface; NAME.KEY=VALUE says whose. Repeatable. The \
+                    options, with their defaults:"
+            .to_owned();
     for (name, key, default, about) in registry.plugin_options() {
         help += &format!("\n  {name}.{key}={default}  {about}");
     }

@@ -207,7 +207,8 @@ fn answers() -> [(&'static str, Value); 3] {
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
     let job = json!({ "type": "object", "required": ["id", "state", "progress", "pictures"], "properties": {
-        "id": text(), "state": states.clone(), "priority": text(), "scene": text(), "spec": { "$ref": "#/components/schemas/RenderSpec" },
+        "id": text(), "state": states.clone(), "priority": text(), "scene": text(),
+        "spec": { "$ref": "#/components/schemas/RenderSpec" },
         "size": { "type": "array", "items": count() }, "spp": count(), "kind": text(),
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
         "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
@@ -257,7 +258,9 @@ fn job_request() -> Value {
     let properties = &mut schema["properties"];
     properties["scene"] = json!({ "type": "string", "pattern": "^[0-9a-fA-F]{64}$" });
     properties["entry"] = json!({ "type": ["string", "null"] });
-    properties["priority"] = json!({ "enum": Priority::ALL.map(Priority::name).into_iter().map(Some).chain([None]).collect::<Vec<_>>() });
+    let priorities: Vec<Option<&str>> =
+        Priority::ALL.map(|one| Some(one.name())).into_iter().chain([None]).collect();
+    properties["priority"] = json!({ "enum": priorities });
     properties["webhook"] =
         json!({ "oneOf": [{ "type": "null" }, { "$ref": "#/components/schemas/Webhook" }] });
     schema

@@ -447,7 +447,13 @@ pub struct BenchAdaptiveArgs {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = bounces())]
     pub max_bounces: u32,
     /// Targets of --noise to measure with, as in 0.1,0.05.
-    #[arg(long, value_name = "X,..", value_delimiter = ',', default_value = "0.1,0.05", value_parser = form::Error::read)]
+    #[arg(
+        long,
+        value_name = "X,..",
+        value_delimiter = ',',
+        default_value = "0.1,0.05",
+        value_parser = form::Error::read
+    )]
     pub noise: Vec<f32>,
     /// Samples per pixel of the reference picture, which has another seed.
     #[arg(long, value_name = "N", default_value_t = 8192, value_parser = samples())]

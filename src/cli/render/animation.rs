@@ -22,8 +22,8 @@ pub struct Files {
 }
 
 impl<'a> Animation<'a> {
-    /// Refuses files that do not fit what is rendered, before the scene is read. Returns the files to be written, as far
-    /// as they do not depend on the scene.
+    /// Refuses files that do not fit what is rendered, before the scene is read. Returns the files to be written, as
+    /// far as they do not depend on the scene.
     pub fn check(args: &RenderArgs) -> Result<Files> {
         ensure!(
             args.partial.is_none() || !args.spec.optics.has_several(),

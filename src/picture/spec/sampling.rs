@@ -11,8 +11,8 @@ spec_group! {
     pub struct SamplingSpec {
         /// Pixel filter: box, tent, gaussian or blackman-harris, 1, 2, 3 and 3 pixels wide if no width follows.
         one "filter" filter: form::Own<PixelFilter> = PixelFilter::default(), "NAME[:WIDTH]";
-        /// Clamp each contribution of indirect light to this value, after `--exposure`: fewer bright dots, but a picture
-        /// that is too dark (10, say; path tracing only).
+        /// Clamp each contribution of indirect light to this value, after `--exposure`: fewer bright dots, but a
+        /// picture that is too dark (10, say; path tracing only).
         maybe "clamp-indirect" clamp_indirect: form::Positive, "C";
     }
 }

@@ -8,7 +8,8 @@ fn read(text: &str) -> Result<RenderSpec, String> {
 
 /// A spec with every option, as far as they do not exclude each other.
 const MANY: &str = r#"{
-    "scene": "a/b.glb", "integrator": "whitted", "set": ["reach=1", "wood.rings=3"], "surface": "wall=a.wgsl,tint=1,0.5,0",
+    "scene": "a/b.glb", "integrator": "whitted", "set": ["reach=1", "wood.rings=3"],
+    "surface": "wall=a.wgsl,tint=1,0.5,0",
     "size": [64, 36], "max-bounces": 3, "seed": 18446744073709551615, "no-russian-roulette": true, "spp": "17",
     "noise": 0.05, "filter": "gaussian:2.5", "clamp-indirect": 10, "eye": [0.1, -2, 3e-2], "target": "0,0,0",
     "camera": "left", "K": [50, 50, 32, 18], "distortion": [0.1, 0, 0, 0], "f-stop": 2.8, "focus-distance": 4,
@@ -93,7 +94,8 @@ fn options_that_exclude_each_other_or_lack_another_are_refused_by_name() {
 
 #[test]
 fn files_are_found_and_moved() {
-    let text = r#"{ "scene": "s.glb", "integrator": "i.wgsl", "env": "e.hdr", "camera-path": "c.json", "views": "v.json",
+    let text = r#"{ "scene": "s.glb", "integrator": "i.wgsl", "env": "e.hdr", "camera-path": "c.json",
+        "views": "v.json",
         "world-to-camera": "w.txt", "surface": ["a=x.wgsl,b=1", "c=y.wgsl"] }"#;
     let spec = read(text).expect("a spec");
     let names = |spec: &RenderSpec| -> Vec<String> {
