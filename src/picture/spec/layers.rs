@@ -8,8 +8,8 @@ spec_group! {
     /// Layers besides the picture.
     pub struct LayerSpec {
         /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position,
-        /// albedo, uv, emission, object, material, instance, primitive, samples, variance, crypto-object, crypto-material,
-        /// crypto-asset.
+        /// albedo, uv, emission, object, material, instance, primitive, samples, variance, crypto-object,
+        /// crypto-material, crypto-asset.
         maybe "aov" aov: form::Own<AovSet>, "LIST";
         /// Leave the environment out where the camera sees it directly, and write alpha.
         flag "transparent" transparent;
