@@ -1,10 +1,11 @@
-//! Many things go wrong, at moments that a seed chooses. Every job ends with the right hash.
+//! Many things go wrong, at moments that a seed chooses, and one of the workers is no honest one. Every job ends with the
+//! right hash.
 
 use crate::links::{CUT, Links};
 use crate::machines::{Nats, Worker};
 use crate::relay::{Relay, mix};
 use crate::service::PATIENCE;
-use crate::{SIZE, Service, coordinator, folder, rendered, shipped};
+use crate::{SIZE, Service, folder, rendered, shipped};
 use serde_json::{Value, json};
 use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
@@ -19,6 +20,9 @@ const TIME: Duration = Duration::from_secs(25);
 const FAULTS: u64 = 4;
 
 const WORKERS: usize = 3;
+
+/// What the worker does that is not honest, in turns.
+const MISCHIEF: [&str; 4] = ["lie", "spoil", "hoard", "return"];
 
 /// Jobs and their hashes.
 fn jobs() -> Vec<(Value, String)> {
@@ -59,6 +63,8 @@ struct Stage {
     cuts: String,
     service: Option<Service>,
     workers: Vec<Worker>,
+    /// One that is not honest.
+    rogue: Option<Worker>,
     /// Behind which they are, where there are some.
     links: Option<Links>,
     random: Box<dyn FnMut(u64) -> u64>,
@@ -86,11 +92,14 @@ impl Stage {
         let at = links.as_ref().map_or(Ipv4Addr::LOCALHOST, Links::address);
         let relay = Relay::start(at, nats.port(), random(1 << 40));
         let (data, cuts) = (folder(), random(1000).to_string());
-        let mut own = Self { nats, relay, data, cuts, service: None, workers: Vec::new(), links, random };
+        let (service, workers, rogue) = (None, Vec::new(), None);
+        let mut own = Self { nats, relay, data, cuts, service, workers, rogue, links, random };
         own.start_service(None);
         for place in 0..WORKERS {
             own.workers.push(own.worker(place, &format!("w{place}"), &[]));
         }
+        let what = MISCHIEF[(seed % MISCHIEF.len() as u64) as usize];
+        own.rogue = Some(Worker::start(&own.nats.url(), "rogue", &["--mischief", what]));
         own
     }
 
@@ -106,17 +115,20 @@ impl Stage {
     }
 
     fn start_service(&mut self, failpoint: Option<&str>) {
+        let url = self.nats.url();
         let failpoint = failpoint.into_iter().flat_map(|place| ["--failpoint", place]);
-        let first = ["--most-files", "3", "--random-units", &self.cuts];
-        let options: Vec<&str> = first.into_iter().chain(failpoint).collect();
-        self.service = Some(coordinator(self.data.path(), &self.nats.url(), &options));
+        // All units are compared: no lie ends in a picture, whatever else goes wrong.
+        let first = ["--nats", &url, "--lease", "1", "--compared", "1", "--most-files", "3"];
+        let options: Vec<&str> =
+            first.into_iter().chain(["--random-units", &self.cuts]).chain(failpoint).collect();
+        self.service = Some(Service::start(self.data.path(), &options));
     }
 
     /// Something goes wrong.
     fn fault(&mut self, number: u64) {
         let moment = Duration::from_millis((self.random)(2500));
         let worker = (self.random)(WORKERS as u64) as usize;
-        let choice = (self.random)(9);
+        let choice = (self.random)(10);
         let after = (self.random)(4);
         match choice {
             0 | 1 => {
@@ -145,8 +157,29 @@ impl Stage {
             }
             6 => self.nats.pause(moment),
             7 => self.relay.cut(moment),
+            8 => self.damage(worker),
             _ => self.links.iter().for_each(|links| links.cut(worker, CUT)),
         }
+    }
+
+    /// Changes what a worker has in its cache, and starts it again.
+    fn damage(&mut self, place: usize) {
+        self.workers[place].process.kill();
+        let name = self.workers[place].name.clone();
+        let folder = tempfile::tempdir().expect("a folder");
+        let cache = std::mem::replace(&mut self.workers[place].cache, folder);
+        for path in crate::damage::files(&cache.path().join("scenes"), "json") {
+            let text = std::fs::read_to_string(&path).expect("a scene").replacen("0.725", "0.625", 1);
+            std::fs::write(path, text).expect("it is written");
+        }
+        for flat in crate::damage::files(cache.path(), "flat") {
+            std::fs::remove_file(flat).expect("it is removed");
+        }
+        let url = self.relay.url();
+        self.workers[place] = match &self.links {
+            Some(_) => self.worker(place, &name, &[]),
+            None => Worker::with_cache(cache, &url, &name, &[]),
+        };
     }
 
     /// Starts workers in the place of dead ones: their failpoints may be passed long after the faults.

@@ -295,3 +295,27 @@ fn services_of_the_system_start_commands_that_parse() {
         assert!(service.contains("\n[Install]\nWantedBy=multi-user.target\n"), "{service}");
     }
 }
+
+#[test]
+fn services_of_the_system_are_valid_where_systemd_is() {
+    use std::process::Command;
+    if Command::new("systemd-analyze").arg("--version").output().is_err() {
+        return println!("systemd-analyze is not installed: services are not verified");
+    }
+    let (farm, folder) = (Farm::new(1), folder());
+    let program = env!("CARGO_BIN_EXE_raystream");
+    for name in ["nats/raystream-nats", "coordinator/raystream-serve", "workers/worker-1/raystream-worker"] {
+        let path = farm.of(&format!("{name}.service"));
+        let text = fs::read_to_string(&path).expect("a service");
+        // The program is where it was built, and not where a machine would have it.
+        let text = text.replace("ExecStart=raystream ", &format!("ExecStart={program} "));
+        let copy = folder.path().join(path.file_name().expect("a name"));
+        fs::write(&copy, text).expect("it is written");
+        let verified = Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(&copy).output();
+        let verified = verified.expect("systemd-analyze starts");
+        let told = String::from_utf8_lossy(&verified.stderr).into_owned();
+        let own = copy.file_name().expect("a name").to_str().expect("UTF-8");
+        let complaints: Vec<&str> = told.lines().filter(|line| line.contains(own)).collect();
+        assert!(complaints.is_empty(), "{name}: {complaints:?}");
+    }
+}

@@ -51,7 +51,7 @@ pub(super) struct FrameState {
 }
 
 /// What became of a finished unit.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub(super) enum Kept {
     /// It is on the disk and in the ledger. Whether the frame has all of its samples now.
     New { unit: UnitRow, is_complete: bool },
