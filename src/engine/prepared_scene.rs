@@ -13,7 +13,7 @@ use crate::scene::{Camera, Scene, SceneError};
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Renderer, SceneId, Service, Tracers};
 use crate::shade::LitScene;
 use crate::stream::{DeviceTracer, Hit, Ray, Tracer};
-use crate::trace::cpu::{CpuTracer, SingleRayTracer};
+use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
 use bytemuck::Pod;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
@@ -182,7 +182,7 @@ impl PreparedScene {
     }
 
     /// The SIMD level of the units.
-    pub fn simd(&self) -> crate::lanes::SimdLevel {
+    pub fn simd(&self) -> SimdLevel {
         self.units.simd()
     }
 

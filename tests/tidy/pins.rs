@@ -8,7 +8,7 @@ use raystream::schedule::{JobOptions, ServiceOptions};
 use raystream::stream::{Hit, MISS, Ray};
 use std::path::Path;
 
-const OPTIONS: &str = "src/cli/args/progress.rs";
+const OPTIONS: &str = "src/cli/args/saving.rs";
 const WATCHDOG: &str = "src/trace/gpu/watchdog.rs";
 
 /// All of them.
@@ -35,8 +35,8 @@ pub const PINS: &[(&str, Value)] = &[
     ("{n} frames are in flight at a time", Default("render", "frames-in-flight")),
     ("what has been rendered every {n} seconds (or as", Expression(OPTIONS, r"Duration::from_secs\((\d+)\)")),
     ("[default: {n} with --checkpoint]", Expression(OPTIONS, r"Duration::from_secs\((\d+)\)")),
-    ("[default: {n}; 65536 with --seconds", Constant("src/cli/args/", "DEFAULT_SPP")),
-    ("[default: 64; {n} with --seconds", Constant("src/cli/args/", "OPEN_ENDED_SPP")),
+    ("[default: {n}; 65536 with --seconds", Constant("src/picture/spec/", "DEFAULT_SPP")),
+    ("[default: 64; {n} with --seconds", Constant("src/picture/spec/", "OPEN_ENDED_SPP")),
     (
         "a task, with 1 to {n} threads",
         Expression("src/cli/args/bench.rs", r#"default_value = "1,2,4[\d,]*,(\d+)""#),

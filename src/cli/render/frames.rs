@@ -27,15 +27,14 @@ pub fn run(
     animation: &Animation<'_>,
     progress: &mut Progress,
 ) -> Result<Outcome> {
-    let todo = animation.frames().numbers();
-    let integrator = rendering.integrator(&animation.camera(todo.start)?)?;
+    let mut todo = animation.frames().numbers();
+    let (all, integrator) = (todo.len(), rendering.integrator(&animation.camera(todo.start)?)?);
     let in_flight = args.frames_in_flight as usize;
     let settings = integrator.frame().settings();
     let viewer = Viewer::of(args)?;
     let mut finished = FinishedFrames::open(args, rendering)?;
     let options = PassOptions { noise: args.spec.stop.noise, pass_time: None };
     let mut shots: VecDeque<Shot> = VecDeque::new();
-    let (mut todo, all) = (todo.clone(), todo.len());
     let (mut totals, mut done, mut splats) = (Totals::default(), Vec::new(), Splats::default());
     totals.events.recover(setup.prepared.degraded.clone());
     let (meters, recorder) = (Meters::start(), args.timeline.as_ref().and_then(|_| Recorder::start()));

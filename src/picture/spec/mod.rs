@@ -109,7 +109,7 @@ spec_group! {
 #[error("{0}")]
 pub struct SpecError(String);
 
-/// Options of which only one may be given: the first with any of the others.
+/// Options that exclude others.
 const EXCLUSIVE: &[(&str, &[&str])] = &[
     ("region", &["noise"]),
     ("samples", &["noise", "seconds"]),

@@ -19,7 +19,7 @@ pub struct SceneSpec {
 
 impl From<&RenderSpec> for SceneSpec {
     fn from(spec: &RenderSpec) -> Self {
-        // A new field does not compile until somebody has said here whether it changes the scene.
+        // A new field does not compile until it is said here whether it changes the scene.
         let RenderSpec {
             scene,
             integrator,

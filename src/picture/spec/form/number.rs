@@ -16,7 +16,7 @@ impl<const LEAST: u32, const MOST: u32> Form for Count<LEAST, MOST> {
     fn read(text: &str) -> Result<u32, String> {
         let number = text.trim().parse::<i64>().map_err(|_| format!("{text:?} is not a whole number"))?;
         let number = u32::try_from(number).ok().filter(|number| (LEAST..=MOST).contains(number));
-        number.ok_or_else(|| format!("write a whole number from {LEAST} to {MOST}"))
+        number.ok_or_else(|| format!("{text} is not in {LEAST}..={MOST}"))
     }
 
     fn text(value: &u32) -> String {
