@@ -71,7 +71,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Renders a unit of which workers say that they cannot. If that is so, its job fails; if not, they are named.
+    /// Renders a unit that workers say they cannot render. If they are right, its job fails; if not, they are named.
     pub(super) fn prove(
         &self,
         job: &Job,

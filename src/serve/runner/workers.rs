@@ -30,7 +30,7 @@ struct Known {
     redeliveries: u64,
     /// Since when it has had units and has returned nothing.
     owes_since: Option<Instant>,
-    /// Scenes of which it has brought another picture.
+    /// Scenes whose picture was another one at this worker.
     foreign: HashSet<String>,
     /// Why this process of it may take no more units.
     sent_home: Option<String>,
