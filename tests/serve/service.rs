@@ -183,8 +183,10 @@ impl Service {
     }
 
     /// Submits a job; returns its name.
-    pub fn submit(&self, scene: &str, options: &Value) -> String {
-        let answer = self.post("/api/v1/jobs", &json!({ "scene": scene, "options": options }));
+    pub fn submit(&self, scene: &str, spec: &Value) -> String {
+        let mut spec = spec.clone();
+        spec["scene"] = json!(scene);
+        let answer = self.post("/api/v1/jobs", &spec);
         assert!([200, 202].contains(&answer.status), "{}", answer.json());
         answer.json()["id"].as_str().expect("an id").to_owned()
     }

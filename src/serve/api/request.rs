@@ -114,3 +114,45 @@ pub fn parse_priority(name: &str) -> Result<Priority, Problem> {
         Problem::unprocessable(format!("{name:?} is no priority; choose one of {names}"))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<JobRequest, String> {
+        serde_json::from_str(text).map_err(|error| error.to_string())
+    }
+
+    /// A row of the ledger of commit 22fbd17.
+    const STORED: &str = r#"{"scene":"ab","entry":"a.obj","options":{"aov":"z,normal","eye":"0,1,5","noise":0.05,
+        "size":"64x36","surface":["wall=w.wgsl"],"transparent":true},"priority":"background",
+        "webhook":{"url":"https://a/","secret":"s"}}"#;
+
+    #[test]
+    fn requests_of_earlier_builds_are_those_with_the_keys_beside_the_scene() {
+        let stored = read(STORED).expect("a request");
+        let flat = r#"{"scene":"ab","entry":"a.obj","aov":["z","normal"],"eye":[0,1,5],"noise":0.05,"size":[64,36],
+            "surface":"wall=w.wgsl","transparent":true,"priority":null}"#;
+        let flat = read(flat).expect("a request");
+        assert_eq!((stored.spec, stored.scene), (flat.spec.clone(), flat.scene.clone()));
+        assert_eq!(read(STORED).expect("a request").hash(), flat.hash(), "the answer is known");
+        assert_eq!(stored.webhook.map(|hook| hook.url), Some("https://a/".into()));
+        let written = serde_json::to_string(&flat).expect("JSON");
+        assert_eq!(read(&written).expect("a request").spec, flat.spec);
+    }
+
+    #[test]
+    fn wrong_requests_name_their_key() {
+        for (text, says) in [
+            (r#"{"size":"8x8"}"#, "missing field `scene`"),
+            (r#"{"scene":"ab","options":{"threads":2}}"#, "\"threads\" is no option of a picture"),
+            (r#"{"scene":"ab","size":"8x8","options":{"size":"4x4"}}"#, "size: given twice"),
+            (r#"{"scene":"ab","spp":0}"#, "spp: 0 is not in"),
+            (r#"{"scene":7}"#, "scene: invalid type"),
+            (r#"{"scene":"ab","webhook":{"url":"a"}}"#, "webhook: missing field `secret`"),
+        ] {
+            let error = read(text).expect_err(text);
+            assert!(error.contains(says), "{text}: {error}");
+        }
+    }
+}
