@@ -2,8 +2,8 @@
 """One picture, whoever traces it: a table of hashes.
 
 Renders each scene with the CPU, a GPU, both, and a GPU that fails in every way that can be injected, and prints a row
-of a Markdown table a scene: whether all hashes are the CPU's, and what share of the GPU's rays was flagged and traced
-again.
+of a Markdown table a scene: whether all hashes are the CPU's, and what shares of the GPU's rays were flagged, traced
+again, and traced again because alpha decides about a candidate.
 
     python scripts/one_picture.py target/release/raystream SCENE.. [-- OPTIONS of raystream render]
 """
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 
-FAULTS = ["gpu-lost@2", "gpu-hang@2", "gpu-oom", "gpu-corrupt@14"]
+FAULTS = ["gpu-lost@2", "gpu-hang@2", "gpu-oom", "gpu-inexact", "gpu-corrupt@14"]
 OPTIONS = ["--size", "320x180", "--spp", "2"]
 
 
@@ -45,7 +45,7 @@ def row(program, scene, options, folder):
     cells = [os.path.basename(scene), f"{cpu['scene']['triangles']:,}", alone]
     cells.append(verdict(["--tracer", "hybrid"], 0)[1])
     cells += [verdict(["--tracer", "gpu", "--inject", fault, "--strict"], 1)[1] for fault in FAULTS]
-    return cells + [share("flagged"), share("retraced")]
+    return cells + [share("flagged"), share("retraced"), share("masked")]
 
 
 def main():
@@ -57,7 +57,7 @@ def main():
     if len(arguments) < 2:
         sys.exit(__doc__)
     program, scenes = arguments[0], arguments[1:]
-    heads = ["scene", "triangles", "GPU", "hybrid", *FAULTS, "flagged", "traced again"]
+    heads = ["scene", "triangles", "GPU", "hybrid", *FAULTS, "flagged", "traced again", "of them masked"]
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         for scene in scenes:

@@ -1,5 +1,6 @@
-// Any hit. The answer is OCCLUDED, MISS, or a primitive that occludes the ray unless rounding or alpha decides against
-// it, with the flag MORE when there are other such primitives. UNDECIDED when the kernel cannot tell.
+// Any hit. The answer is OCCLUDED, MISS, or a primitive (its place if EXACT) that occludes the ray unless rounding or
+// alpha decides against it, with the flag MORE when there are other such primitives. UNDECIDED when the kernel cannot
+// tell.
 
 @group(1) @binding(2) var<storage, read_write> answers: array<u32>;
 
@@ -15,10 +16,10 @@ fn limit_of(found: ptr<function, Found>) -> f32 {
 }
 
 // The first certain hit ends the traversal.
-fn take(found: ptr<function, Found>, verdict: Verdict, primitive: u32) -> bool {
+fn take(found: ptr<function, Found>, verdict: Verdict, candidate: u32) -> bool {
     let answer = (*found).answer;
     let is_certain = verdict.kind == CERTAIN;
-    (*found).answer = select(select(answer | MORE, primitive, answer == MISS), OCCLUDED, is_certain);
+    (*found).answer = select(select(answer | MORE, candidate, answer == MISS), OCCLUDED, is_certain);
     return is_certain;
 }
 

@@ -1,6 +1,7 @@
-// Closest hits. The answer names the primitives among which the canonical nearest hit of the ray is.
+// Closest hits. The answer has the words of `Candidates`: the primitives among which the canonical nearest hit of the
+// ray is, or their places if EXACT. Of members there are two places, then their members' numbers.
 
-@group(1) @binding(2) var<storage, read_write> answers: array<Candidates>;
+@group(1) @binding(2) var<storage, read_write> answers: array<vec4<u32>>;
 
 // Nodes on the stack are skipped if the ray enters them beyond the limit.
 const CULLS: bool = true;
@@ -11,6 +12,8 @@ const CULLS: bool = true;
 struct Found {
     limit: f32,
     kept: vec3<u32>,
+    // The members' numbers of the first two, if EXACT.
+    owners: vec2<u32>,
     lows: vec3<f32>,
     rest: f32,
 }
@@ -19,7 +22,7 @@ fn limit_of(found: ptr<function, Found>) -> f32 {
     return (*found).limit;
 }
 
-fn take(found: ptr<function, Found>, verdict: Verdict, primitive: u32) -> bool {
+fn take(found: ptr<function, Found>, verdict: Verdict, candidate: u32) -> bool {
     if verdict.low > (*found).limit {
         return false;
     }
@@ -32,7 +35,11 @@ fn take(found: ptr<function, Found>, verdict: Verdict, primitive: u32) -> bool {
     let low = vec3<f32>(verdict.low);
     let before = low < lows;
     let moved = vec3<bool>(false, before.xy);
-    (*found).kept = select((*found).kept, select(vec3<u32>(primitive), (*found).kept.xxy, moved), before);
+    (*found).kept = select((*found).kept, select(vec3<u32>(candidate), (*found).kept.xxy, moved), before);
+    if EXACT && MEMBERS {
+        let owners = (*found).owners;
+        (*found).owners = select(owners, select(vec2<u32>(current_member), owners.xx, moved.xy), before.xy);
+    }
     (*found).lows = select(lows, select(low, lows.xxy, moved), before);
     return false;
 }
@@ -46,12 +53,20 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
     var ray: PreparedRay;
     let fitness = prepare(rays[slot], &ray);
     if fitness != CERTAIN {
-        answers[slot] = Candidates(MISS, MISS, MISS, select(-1.0, LARGEST_FLOAT, fitness == REFUSED));
+        let is_miss = fitness == REFUSED;
+        let first = select(MISS, UNDECIDED, EXACT && !is_miss);
+        let rest = select(-1.0, LARGEST_FLOAT, is_miss);
+        answers[slot] = vec4<u32>(first, MISS, MISS, bitcast<u32>(rest));
         return;
     }
-    var found = Found(ray.t_max, vec3<u32>(MISS), vec3<f32>(LARGEST_FLOAT), LARGEST_FLOAT);
+    var found = Found(ray.t_max, vec3<u32>(MISS), vec2<u32>(0u), vec3<f32>(LARGEST_FLOAT), LARGEST_FLOAT);
     traverse(ray, &found);
     let near = select(vec3<u32>(MISS), found.kept, found.lows <= vec3<f32>(found.limit));
     let rest = select(LARGEST_FLOAT, found.rest, found.rest <= found.limit);
-    answers[slot] = Candidates(near.x, near.y, near.z, rest);
+    if EXACT && MEMBERS {
+        let is_full = near.z != MISS || rest != LARGEST_FLOAT;
+        answers[slot] = vec4<u32>(select(near.x, UNDECIDED, is_full), near.y, found.owners);
+        return;
+    }
+    answers[slot] = vec4<u32>(near, bitcast<u32>(rest));
 }

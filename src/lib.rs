@@ -124,6 +124,9 @@ pub mod trace;
 #[cfg(feature = "query")]
 pub mod query;
 
+#[cfg(feature = "gpu")]
+mod device;
+
 #[cfg(feature = "render")]
 pub mod shade;
 

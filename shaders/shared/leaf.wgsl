@@ -2,6 +2,9 @@
 // functions instead of six and six. A coarse test rejects most triangles; `judge` stands here once, for both triangles
 // of a pair.
 
+// The number of the member whose tree is being traversed.
+var<private> current_member: u32;
+
 fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: ptr<function, Found>) -> bool {
     let first = reference & PAIR_INDEX;
     let pairs = ((reference >> PAIRS_SHIFT) & 7u) + 1u;
@@ -37,16 +40,24 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: p
             if verdict.kind == REFUSED || identity == MISS {
                 continue;
             }
-            var primitive = identity & PRIMITIVE;
+            var candidate = identity & PRIMITIVE;
             if MEMBERS {
-                primitive += member.first;
+                candidate += member.first;
             }
-            if take(found, verdict, primitive) {
+            if EXACT {
+                candidate = place_of(index, is_second, (reference & MASKED) != 0u);
+            }
+            if take(found, verdict, candidate) {
                 return true;
             }
         }
     }
     return false;
+}
+
+// A candidate for the kernels that make its hit: where they find the triangle.
+fn place_of(index: u32, is_second: bool, is_masked: bool) -> u32 {
+    return (index << 1u) | select(0u, 1u, is_second) | select(0u, PLACE_MASKED, is_masked);
 }
 
 fn pair_in_world(index: u32, member: TreeInstance) -> Pair {

@@ -17,7 +17,8 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
             return;
         }
         if MEMBERS && !way.inside {
-            member = members[reference & ~LEAF];
+            current_member = reference & ~LEAF;
+            member = members[current_member];
             way.inside = true;
             way.bottom = way.height;
             reference = member.root;

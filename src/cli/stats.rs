@@ -392,6 +392,8 @@ pub struct GpuStats {
     pub flagged: u64,
     /// Rays traced again by the CPU.
     pub retraced: u64,
+    /// Rays among those whose candidates alpha decides about, as far as the device says so.
+    pub masked: u64,
     /// Rays of the cross-check, traced again by the CPU to detect a faulty device.
     pub checked: u64,
     /// Part of `busy_s` between a stream being full and its submission.
@@ -484,6 +486,7 @@ impl Units {
         self.gpu.bytes_copied += report.gpu.bytes_copied;
         self.gpu.flagged += report.gpu.flagged;
         self.gpu.retraced += report.gpu.retraced;
+        self.gpu.masked += report.gpu.masked;
         self.gpu.checked += report.gpu.checked;
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;

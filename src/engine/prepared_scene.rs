@@ -62,7 +62,7 @@ pub struct PreparedScene {
     pub single_ray: Arc<SingleRayTracer>,
     /// Name of the GPU adapter in use.
     pub adapter: Option<String>,
-    /// Why a requested GPU is not used. The CPU does its work.
+    /// Why a requested GPU is not used, or not for all of its work. The CPU does that.
     pub degraded: Option<String>,
     /// Why patterns and BSDFs in WGSL are computed by the CPU that a GPU was to compute.
     pub unshaded: Vec<String>,
@@ -98,7 +98,10 @@ impl PreparedScene {
         let filter = filter(&scene);
         let (host, single_ray) = host_tracers(&bvh, filter.as_ref(), units);
         let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
-            Ok(device) => (device, None),
+            Ok(device) => {
+                let refused = device.as_ref().and_then(Device::refused);
+                (device, refused)
+            }
             Err(reason) => (None, Some(reason)),
         };
         let unshaded = unshaded(units, &scene);

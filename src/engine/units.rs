@@ -144,6 +144,14 @@ pub(super) struct Device {
 }
 
 impl Device {
+    /// Why the host makes hits of the device's candidates, if a probe refused the device's own.
+    pub(super) fn refused(&self) -> Option<String> {
+        #[cfg(feature = "gpu")]
+        return self.tracer.refused_hits();
+        #[cfg(not(feature = "gpu"))]
+        match self.never {}
+    }
+
     /// The tracer of the tree.
     pub(super) fn tracer(&self) -> Arc<dyn DeviceTracer> {
         #[cfg(feature = "gpu")]

@@ -271,6 +271,7 @@ impl<R: Renderer> TypedJob<R> {
                 gpu.bytes_copied += report.bytes_copied;
                 gpu.flagged += report.flagged;
                 gpu.retraced += report.retraced;
+                gpu.masked += report.masked;
                 gpu.checked += report.checked;
                 gpu.sending_s += report.sending_ns as f64 * 1e-9;
                 gpu.waiting_s += report.waiting_ns as f64 * 1e-9;

@@ -107,6 +107,8 @@ pub struct UnitReport {
     pub flagged: u64,
     /// Rays traced again by the canonical test.
     pub retraced: u64,
+    /// Rays among those whose candidates a filter decides about, as far as the device says so.
+    pub masked: u64,
     /// Rays that the CPU traced again to check the device.
     pub checked: u64,
     /// Seconds of `busy_s` until streams were submitted to the device.

@@ -59,6 +59,8 @@ pub struct DeviceReport {
     pub flagged: u64,
     /// Rays that the CPU traced again, by the canonical test.
     pub retraced: u64,
+    /// Rays among those whose candidates a filter decides about, as far as the device says so.
+    pub masked: u64,
     /// Rays that the CPU traced again as a sample, to check the device.
     pub checked: u64,
     /// Nanoseconds from full streams to submitted work.
@@ -72,6 +74,7 @@ impl std::ops::AddAssign for DeviceReport {
         self.bytes_copied += other.bytes_copied;
         self.flagged += other.flagged;
         self.retraced += other.retraced;
+        self.masked += other.masked;
         self.checked += other.checked;
         self.sending_ns += other.sending_ns;
         self.waiting_ns += other.waiting_ns;

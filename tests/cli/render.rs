@@ -125,6 +125,7 @@ fn a_frame_survives_every_fault_of_the_gpu() {
         ("gpu-hang@2", "did not return within"),
         ("gpu-corrupt@1", "wrong answers"),
         ("gpu-oom", "which does not give them"),
+        ("gpu-inexact", "fused multiply-adds differ"),
     ] {
         // The picture is right, so this is success, unless any failure counts.
         let faulty = [&args[..], &["--tracer", "gpu", "--inject", fault]].concat();
@@ -190,6 +191,7 @@ fn statistics_and_timelines_are_complete() {
         "/units/gpu/waiting_s",
         "/units/gpu/flagged",
         "/units/gpu/retraced",
+        "/units/gpu/masked",
         "/threads/0/idle_s",
         "/tail_idle_share",
         "/dropped_splats",

@@ -7,7 +7,7 @@ use glam::Vec3;
 use raystream::bvh::Bvh;
 use raystream::stream::{DeviceTracer, Hit, MISS, Ray};
 use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{GpuTracer, TreeKind, Variant};
+use raystream::trace::gpu::{AdapterChoice, Fault, Gpu, GpuTracer, TreeKind, Variant};
 use std::sync::Arc;
 
 /// Meshes of every kind, with the place and the size they are brought to.
@@ -125,6 +125,33 @@ fn ordinary_rays_are_rarely_undecided() {
     let (hits, occluded, report) = trace(&tracer, &rays, &rays);
     compare("grid", &oracle, &rays, &hits, &occluded);
     assert!(report.flagged < 400, "{} of 200000 rays flagged", report.flagged);
+    if tracer.exact_hits().is_some() {
+        assert!(report.retraced <= 20 && report.masked == 0, "{report:?}");
+    }
+}
+
+#[test]
+fn a_device_makes_its_own_hits_unless_its_arithmetic_is_refused() {
+    let mesh = meshes::grid(20, 0.05, 15);
+    let rays = rays::mixed(&mesh, 5003, Vec3::ZERO, 1.0, 43);
+    let (oracle, tracer) = tracers(&open(), &mesh, true);
+    // Vulkan alone takes kernels as they are.
+    let is_exact = tracer.exact_hits().is_some();
+    assert!(is_exact || open().info().backend != "vulkan", "{:?}", tracer.refused_hits());
+    let (hits, occluded, report) = trace(&tracer, &rays, &rays);
+    compare("grid", &oracle, &rays, &hits, &occluded);
+    assert!(report.masked > 0 || !is_exact, "a filter decides about some rays: {report:?}");
+
+    let choice = AdapterChoice { name: None, allow_software: true };
+    let gpu = Gpu::open(&choice).expect("the same adapter").with_fault(Fault::Inexact);
+    let (oracle, tracer) = tracers(&Arc::new(gpu), &mesh, true);
+    let (hits, occluded, _) = trace(&tracer, &rays, &rays);
+    compare("refused", &oracle, &rays, &hits, &occluded);
+    assert_eq!(tracer.exact_hits(), None);
+    let refused = tracer.refused_hits().unwrap_or_default();
+    for route in ["GLSL's fma: ", "error-free sums: ", "32-bit integers: "] {
+        assert!(refused.contains(route) || !is_exact, "{refused}");
+    }
 }
 
 #[test]

@@ -47,6 +47,8 @@ fn every_fault_leaves_the_picture_alone_and_is_told_once() {
         (Unit::Gpu, Fault::Corrupt(2), "wrong answers"),
         (Unit::Gpu, Fault::OutOfMemory, "which does not give them"),
         (Unit::Hybrid, Fault::OutOfMemory, "which does not give them"),
+        (Unit::Gpu, Fault::Inexact, "32-bit integers: "),
+        (Unit::Hybrid, Fault::Inexact, "makes no exact hits"),
     ] {
         let (hash, events) = render(unit, Some(fault));
         assert_eq!(hash, expected, "{fault:?}");

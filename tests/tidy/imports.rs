@@ -14,9 +14,9 @@ const CONFINED: &[(&str, &str, &[&str])] = &[
     (
         r"\b(wgpu|ash|pollster)\b\s*(::|;|\{| as )",
         "the graphics interface",
-        &["src/trace/gpu/", "src/program/gpu/"],
+        &["src/device/", "src/trace/gpu/", "src/program/gpu/"],
     ),
-    (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/program/", "src/trace/gpu/"]),
+    (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/device/", "src/program/", "src/trace/gpu/"]),
     (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["src/cli/"]),
     (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["src/cli/", "src/main.rs", "src/profile.rs"]),
     (r"\bprocess\s*::\s*(exit|abort)\b", "ending the process", &["src/cli/", "src/main.rs"]),

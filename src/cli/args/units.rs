@@ -68,9 +68,9 @@ pub struct UnitArgs {
     /// Instruction set of the CPU tracer: auto, avx512, avx2, neon or scalar.
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
-    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom. The
-    /// same with shaders: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or shade-inexact. The
-    /// result is the same; the exit code is 1 with --strict.
+    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom,
+    /// gpu-inexact. The same with shaders: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or
+    /// shade-inexact. The result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]
     pub inject: Option<Fault>,

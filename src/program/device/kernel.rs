@@ -5,6 +5,7 @@
 
 use super::block::{Given, Program};
 use super::probe::{Probe, probes};
+use crate::device::{OPERATIONS, WORKGROUP};
 use crate::program::code::{Code, Instruction, Register};
 use crate::program::lower::{Input, lower};
 use crate::program::native::Native;
@@ -14,13 +15,8 @@ use crate::program::source::Source;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Write as _;
 
-/// Threads of a workgroup.
-pub(crate) const WORKGROUP: u32 = 64;
-
 /// The most instructions of a kernel. Drivers take a second for some thousands.
 const MOST_INSTRUCTIONS: usize = 1 << 14;
-
-const OPERATIONS: &str = include_str!("../../../shaders/operations.wgsl");
 
 /// A shader's kernel. Its entry points are `shade` and `probe`. Both read columns of words, one after the other, and
 /// write such columns; the last one is not 0 at points that the host has to compute.

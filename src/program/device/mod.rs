@@ -1,8 +1,8 @@
-//! Patterns and BSDFs as kernels for devices: a program's operations as WGSL, as SPIR-V that no driver may reorder, and
-//! the cases that show whether a device computes them as the host does. Nothing here uses a device.
+//! Patterns and BSDFs as kernels for devices: a program's operations as WGSL, and the cases that
+//! show whether a device computes them as the host does. Nothing here uses a device.
 //!
 //! ```text
-//! code ─kernel→ WGSL of integers, sums and products ─spirv→ SPIR-V without contraction
+//! code ─kernel→ WGSL of integers, sums and products ─device::spirv→ SPIR-V without contraction
 //!      ─probe→  cases of each operation it has, with the host's results
 //! ```
 //!
@@ -14,12 +14,10 @@ mod block;
 mod evaluate;
 mod kernel;
 mod probe;
-mod spirv;
 #[cfg(test)]
 pub(super) mod tests;
 
 pub use block::ShadingReport;
 pub(crate) use block::{Given, Program, ShadingDevice, fields, words};
-pub(crate) use kernel::{Kernel, WORKGROUP};
+pub(crate) use kernel::Kernel;
 pub(crate) use probe::{cases, sample_points};
-pub(crate) use spirv::{FloatControls, spirv};

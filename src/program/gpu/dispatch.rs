@@ -1,7 +1,7 @@
 //! A kernel's pipelines and buffers: sends columns of words, runs an entry point, reads columns back.
 
-use super::{GpuProgramError, passthrough};
-use crate::program::device::WORKGROUP;
+use super::GpuProgramError;
+use crate::device::{WORKGROUP, module};
 use crate::trace::gpu::Gpu;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::sync_channel;
@@ -97,7 +97,7 @@ impl Pipelines {
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         });
-        let module = passthrough::module(device, words);
+        let module = module(device, "shading", words, &["shade", "probe"]);
         let pipeline = |entry| {
             device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),

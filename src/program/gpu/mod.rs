@@ -8,16 +8,15 @@
 mod attached;
 mod check;
 mod dispatch;
-#[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_passthrough.rs")]
-mod passthrough;
 #[cfg(test)]
 mod tests;
 
 pub use super::device::ShadingReport;
 pub use attached::{attach, shading_report};
 
-use super::device::{FloatControls, Kernel, Program, spirv};
+use super::device::{Kernel, Program};
 use super::{BsdfShader, PatternShader};
+use crate::device::{FloatControls, Fma, float_controls, spirv};
 use crate::scene::DeviceCost;
 use crate::trace::gpu::{Fault, Gpu};
 use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
@@ -157,14 +156,11 @@ impl GpuProgram {
         flushes: bool,
     ) -> Result<Self, GpuProgramError> {
         let info = gpu.info();
-        let controls = gpu.guard(|device, _| {
-            let has_passthrough = device.features().contains(wgpu::Features::PASSTHROUGH_SHADERS);
-            Ok(if has_passthrough { passthrough::float_controls(device) } else { None })
-        });
+        let controls = gpu.guard(|device, _| Ok(float_controls(device)));
         let no_vulkan =
             || GpuProgramError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
         let controls: FloatControls = controls.map_err(GpuProgramError::Lost)?.ok_or_else(no_vulkan)?;
-        let words = spirv(&kernel.source, controls).map_err(GpuProgramError::Kernel)?;
+        let words = spirv(&kernel.source, controls, Fma::Refused).map_err(GpuProgramError::Kernel)?;
         let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
         let pipelines = pipelines.map_err(GpuProgramError::Lost)?.map_err(GpuProgramError::Kernel)?;
         check::operations(gpu, &pipelines, &kernel)?;

@@ -11,6 +11,7 @@ mod scope;
 mod simulator;
 mod steering;
 mod threads;
+mod virtual_time;
 mod workers;
 
 use super::{JobError, JobHandle, JobOptions, JobReport, Priority, Service, ServiceOptions};

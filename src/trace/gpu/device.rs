@@ -198,7 +198,6 @@ impl Gpu {
     }
 
     /// The fault to inject.
-    #[cfg(feature = "wgsl")]
     pub(crate) fn fault(&self) -> Option<Fault> {
         self.history.fault
     }

@@ -6,9 +6,11 @@
 //! | device memory that only copies reach | staging buffers; the device copies to and from them | 32 + answer |
 //! | host memory | staging buffers; wgpu stages the rays, the answers are mapped and copied | 32 + answer |
 
+use super::exact::Layouts;
 use super::kernel::Kernel;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::shared_buffer::SharedBuffer;
+use super::undecided::{Mapped, Undecided, UndecidedList};
 use super::{Gpu, unchecked_module};
 use crate::stream::{DeviceMemory as _, Ray};
 use bytemuck::Pod;
@@ -22,11 +24,14 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(super) struct KernelPipeline {
     pipeline: wgpu::ComputePipeline,
+    /// Makes hits of the kernel's candidates, if a device can.
+    exact: Option<wgpu::ComputePipeline>,
     layout: wgpu::BindGroupLayout,
     /// Bytes of one ray's answer.
     answer_bytes: usize,
     shared_memory: bool,
     idle_staging: Mutex<Vec<StagingBuffers>>,
+    idle_lists: Mutex<Vec<UndecidedList>>,
     idle_params: Mutex<Vec<wgpu::Buffer>>,
 }
 
@@ -58,6 +63,7 @@ struct StagingBuffers {
 #[derive(Debug)]
 pub(super) struct Encoded {
     params: wgpu::Buffer,
+    list: UndecidedList,
     staging: Option<StagingBuffers>,
     answer_bytes: u64,
 }
@@ -68,7 +74,13 @@ pub(super) struct InFlight {
     encoded: Encoded,
     /// Receives when the answers can be read, if they have to be mapped.
     mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
+    /// The same for the list of undecided rays, if kernels write one.
+    listed: Option<Mapped>,
 }
+
+/// What kernels read and write: rays, parameters and the list of undecided rays, answers.
+type Bindings<'a> =
+    (wgpu::BindingResource<'a>, (&'a wgpu::Buffer, &'a UndecidedList), wgpu::BindingResource<'a>);
 
 impl<A: Pod + Debug + Send + Sync> Request<'_, A> {
     /// Number of rays.
@@ -91,18 +103,17 @@ impl<A: Pod + Debug + Send + Sync> Request<'_, A> {
 }
 
 impl KernelPipeline {
-    /// Compiles a kernel from its source; `scene` is the layout of group 0, `layout` that of group 1.
+    /// Compiles a kernel from its source.
     pub fn new(
         device: &wgpu::Device,
         kernel: Kernel,
         source: String,
-        scene: &wgpu::BindGroupLayout,
-        layout: wgpu::BindGroupLayout,
+        layouts: Layouts<'_>,
         shared_memory: bool,
     ) -> Self {
         let both = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(kernel.name()),
-            bind_group_layouts: &[Some(scene), Some(&layout)],
+            bind_group_layouts: &[Some(layouts.scene), Some(layouts.request)],
             immediate_size: 0,
         });
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -114,8 +125,26 @@ impl KernelPipeline {
             cache: None,
         });
         let answer_bytes = kernel.answer_bytes();
-        let (idle_staging, idle_params) = (Mutex::default(), Mutex::default());
-        Self { pipeline, layout, answer_bytes, shared_memory, idle_staging, idle_params }
+        Self {
+            pipeline,
+            exact: None,
+            layout: layouts.request.clone(),
+            answer_bytes,
+            shared_memory,
+            idle_staging: Mutex::default(),
+            idle_lists: Mutex::default(),
+            idle_params: Mutex::default(),
+        }
+    }
+
+    /// Has a kernel make hits of the candidates.
+    pub fn make_exact(&mut self, exact: Option<wgpu::ComputePipeline>) {
+        self.exact = exact;
+    }
+
+    /// Whether the device makes hits of the candidates.
+    pub fn is_exact(&self) -> bool {
+        self.exact.is_some()
     }
 
     /// Bytes that are copied between host and device for a request.
@@ -141,7 +170,8 @@ impl KernelPipeline {
         if count == 0 {
             return None;
         }
-        let params = self.take_params(device);
+        let (params, list) = (self.take_params(device), self.take_list(device, count));
+        let lent = (&params, &list);
         let values = Params { count: count as u32, scene_max_abs, zero: 0, spare: 0 };
         queue.write_buffer(&params, 0, bytemuck::bytes_of(&values));
         let ray_bytes = (count * size_of::<Ray>()) as u64;
@@ -151,7 +181,7 @@ impl KernelPipeline {
                 let offset = |size: usize| (range.start * size) as u64;
                 let rays = bind_part(rays.give_to_device(), offset(size_of::<Ray>()), ray_bytes);
                 let answers = bind_part(answers.give_to_device(), offset(self.answer_bytes), answer_bytes);
-                self.encode_kernel(device, encoder, scene, (rays, &params, answers), count);
+                self.encode_kernel(device, encoder, scene, (rays, lent, answers), count);
                 None
             }
             Request::InDeviceMemory { rays, answers, range } => {
@@ -159,7 +189,7 @@ impl KernelPipeline {
                 let staging = self.take_staging(device, count);
                 let (rays, ray_offset) = (rays.give_to_device(), offset(size_of::<Ray>()));
                 encoder.copy_buffer_to_buffer(rays, ray_offset, &staging.rays, 0, ray_bytes);
-                let bindings = staging.bindings(&params, ray_bytes, answer_bytes);
+                let bindings = staging.bindings(lent, ray_bytes, answer_bytes);
                 self.encode_kernel(device, encoder, scene, bindings, count);
                 let (answers, answer_offset) = (answers.give_to_device(), offset(self.answer_bytes));
                 encoder.copy_buffer_to_buffer(&staging.answers, 0, answers, answer_offset, answer_bytes);
@@ -168,7 +198,7 @@ impl KernelPipeline {
             Request::InHostMemory { rays, .. } => {
                 let staging = self.take_staging(device, count);
                 queue.write_buffer(&staging.rays, 0, bytemuck::cast_slice(rays));
-                let bindings = staging.bindings(&params, ray_bytes, answer_bytes);
+                let bindings = staging.bindings(lent, ray_bytes, answer_bytes);
                 self.encode_kernel(device, encoder, scene, bindings, count);
                 encoder.copy_buffer_to_buffer(&staging.answers, 0, &staging.readback, 0, answer_bytes);
                 Some(staging)
@@ -182,7 +212,10 @@ impl KernelPipeline {
                 std::iter::empty(),
             );
         }
-        Some(Encoded { params, staging, answer_bytes })
+        if self.is_exact() {
+            list.encode_copy(encoder);
+        }
+        Some(Encoded { params, list, staging, answer_bytes })
     }
 
     /// Encodes the kernel's run over `count` rays.
@@ -191,7 +224,7 @@ impl KernelPipeline {
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
         scene: &wgpu::BindGroup,
-        (rays, params, answers): (wgpu::BindingResource<'_>, &wgpu::Buffer, wgpu::BindingResource<'_>),
+        (rays, (params, list), answers): Bindings<'_>,
         count: usize,
     ) {
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -201,13 +234,35 @@ impl KernelPipeline {
                 wgpu::BindGroupEntry { binding: 0, resource: rays },
                 bind_whole(1, params),
                 wgpu::BindGroupEntry { binding: 2, resource: answers },
+                wgpu::BindGroupEntry { binding: 3, resource: list.binding() },
             ],
         });
+        if self.is_exact() {
+            list.encode_clear(encoder);
+        }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, &group, &[]);
         pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
+        if let Some(exact) = &self.exact {
+            pass.set_pipeline(exact);
+            pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
+        }
+    }
+
+    /// Takes the smallest idle list for dispatches of `rays`, or allocates one for a power of two.
+    fn take_list(&self, device: &wgpu::Device, rays: usize) -> UndecidedList {
+        let mut idle = self.idle_lists.lock().unwrap_or_else(PoisonError::into_inner);
+        // Without exact kernels nothing is written to it.
+        let rays = if self.is_exact() { rays } else { 0 };
+        let fits = (0..idle.len()).filter(|&i| idle[i].capacity >= rays).min_by_key(|&i| idle[i].capacity);
+        if let Some(index) = fits {
+            return idle.swap_remove(index);
+        }
+        let outgrown = idle.pop();
+        drop((idle, outgrown));
+        UndecidedList::new(device, rays.next_power_of_two())
     }
 
     /// Takes the smallest idle staging buffers that have room for `rays`, or allocates some for a power of two.
@@ -230,13 +285,14 @@ impl KernelPipeline {
     }
 
     /// Reads the answers back into the request's memory, once the submission is done, and frees the buffers for the
-    /// next dispatch.
+    /// next dispatch. Returns the undecided rays, if the device has made hits of the candidates.
     pub fn read_back<A: Pod + Debug + Send + Sync>(
         &self,
         request: &mut Request<'_, A>,
         in_flight: InFlight,
-    ) -> Result<(), String> {
-        let InFlight { encoded: Encoded { params, staging, answer_bytes }, mapped } = in_flight;
+    ) -> Result<Option<Undecided>, String> {
+        let InFlight { encoded: Encoded { params, list, staging, answer_bytes }, mapped, listed } = in_flight;
+        let undecided = listed.map(|listed| list.read(&listed, request.len())).transpose()?;
         match request {
             Request::InDeviceMemory { rays, answers, .. } => {
                 rays.return_to_host();
@@ -257,14 +313,16 @@ impl KernelPipeline {
             }
         }
         self.idle_params.lock().unwrap_or_else(PoisonError::into_inner).push(params);
+        self.idle_lists.lock().unwrap_or_else(PoisonError::into_inner).push(list);
         self.idle_staging.lock().unwrap_or_else(PoisonError::into_inner).extend(staging);
-        Ok(())
+        Ok(undecided)
     }
 }
 
 impl Encoded {
-    /// Requests that the answers be mapped, after the commands have been submitted.
-    pub fn map<A>(self, request: &Request<'_, A>) -> InFlight {
+    /// Requests that the answers be mapped, and if kernels write it the list of undecided rays, after the commands have
+    /// been submitted.
+    pub fn map<A>(self, request: &Request<'_, A>, is_exact: bool) -> InFlight {
         let mapped = match (request, &self.staging) {
             (Request::InHostMemory { .. }, Some(staging)) => {
                 let (sender, mapped) = sync_channel(1);
@@ -275,7 +333,8 @@ impl Encoded {
             }
             _ => None,
         };
-        InFlight { encoded: self, mapped }
+        let listed = is_exact.then(|| self.list.map());
+        InFlight { encoded: self, mapped, listed }
     }
 }
 
@@ -293,11 +352,11 @@ impl StagingBuffers {
 
     fn bindings<'a>(
         &'a self,
-        params: &'a wgpu::Buffer,
+        lent: (&'a wgpu::Buffer, &'a UndecidedList),
         ray_bytes: u64,
         answer_bytes: u64,
-    ) -> (wgpu::BindingResource<'a>, &'a wgpu::Buffer, wgpu::BindingResource<'a>) {
-        (bind_part(&self.rays, 0, ray_bytes), params, bind_part(&self.answers, 0, answer_bytes))
+    ) -> Bindings<'a> {
+        (bind_part(&self.rays, 0, ray_bytes), lent, bind_part(&self.answers, 0, answer_bytes))
     }
 }
 

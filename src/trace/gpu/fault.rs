@@ -16,6 +16,8 @@ pub enum Fault {
     Corrupt(u64),
     /// The device has no memory for the scene.
     OutOfMemory,
+    /// Fused multiply-adds have another last bit in some cases.
+    Inexact,
     /// The device is lost while it computes a shader. Dispatches of shaders are numbered by themselves.
     ShadeLost(u64),
     /// The dispatch of a shader never returns.
@@ -34,8 +36,8 @@ pub enum Fault {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, or shade-lost@N, shade-hang@N or \
-     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, shade-oom, shade-refused or \
-     shade-inexact"
+     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, gpu-inexact, shade-oom, \
+     shade-refused or shade-inexact"
 )]
 pub struct NoSuchFault(String);
 
@@ -47,6 +49,7 @@ impl FromStr for Fault {
         let Some((name, at)) = text.split_once('@') else {
             return match text {
                 "gpu-oom" => Ok(Self::OutOfMemory),
+                "gpu-inexact" => Ok(Self::Inexact),
                 "shade-oom" => Ok(Self::ShadeOutOfMemory),
                 "shade-refused" => Ok(Self::ShadeRefused),
                 "shade-inexact" => Ok(Self::ShadeInexact),
@@ -92,6 +95,7 @@ impl Display for Fault {
             Self::Hang(at) => write!(f, "gpu-hang@{at}"),
             Self::Corrupt(at) => write!(f, "gpu-corrupt@{at}"),
             Self::OutOfMemory => f.write_str("gpu-oom"),
+            Self::Inexact => f.write_str("gpu-inexact"),
             Self::ShadeLost(at) => write!(f, "shade-lost@{at}"),
             Self::ShadeHang(at) => write!(f, "shade-hang@{at}"),
             Self::ShadeCorrupt(at) => write!(f, "shade-corrupt@{at}"),
@@ -135,7 +139,7 @@ mod tests {
             Fault::ShadeRefused,
             Fault::ShadeInexact,
         ];
-        let tracing = [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory];
+        let tracing = [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory, Fault::Inexact];
         for fault in tracing.into_iter().chain(shading) {
             assert_eq!(fault.to_string().parse(), Ok(fault));
         }

@@ -16,7 +16,7 @@ pub(super) enum Kernel {
     TraceAny,
 }
 
-const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
+pub(super) const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
@@ -43,6 +43,11 @@ impl Kernel {
         }
     }
 
+    /// Whether the kernel's candidates are places. An answer of `trace_any` has no room for a member's number.
+    pub fn names_places(self, shape: &Shape) -> bool {
+        shape.exact && !(self == Self::TraceAny && shape.members)
+    }
+
     fn body(self) -> &'static str {
         match self {
             Self::TraceClosest => include_str!("../../../shaders/trace_closest.wgsl"),
@@ -52,7 +57,8 @@ impl Kernel {
 
     /// The whole source for scenes of this shape.
     pub fn source(self, shape: &Shape) -> String {
-        let (constants, pages) = (constants(shape), shape.pages.source(shape.tree));
+        let exact = format!("const EXACT: bool = {};\n", self.names_places(shape));
+        let (constants, pages) = (constants(shape) + &exact, shape.pages.source(shape.tree, true));
         let (extension, descend, traverse) = match shape.tree {
             TreeKind::Binary => ("", BINARY, TRAVERSE),
             TreeKind::Wide => ("", WIDE, TRAVERSE),
@@ -75,6 +81,8 @@ pub(super) struct Shape {
     /// Index of the first pair about which the filter decides. Used with a device's own tree only.
     pub first_masked: u32,
     pub pages: ScenePages,
+    /// Whether other kernels make hits of the candidates.
+    pub exact: bool,
 }
 
 /// Declarations of the constants that host and device share; Rust defines them.
@@ -96,6 +104,7 @@ fn constants(shape: &Shape) -> String {
         ("OCCLUDED", layout::OCCLUDED),
         ("UNDECIDED", layout::UNDECIDED),
         ("MORE", layout::MORE),
+        ("PLACE_MASKED", layout::PLACE_MASKED),
         ("SIGN", (-0.0_f32).to_bits()),
         ("EXPONENT", f32::INFINITY.to_bits()),
         ("PLUS_INFINITY", f32::INFINITY.to_bits()),
@@ -142,8 +151,12 @@ mod tests {
     }
 
     fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
+        parse_shape(kernel, tree, pages, false)
+    }
+
+    fn parse_shape(kernel: Kernel, tree: TreeKind, pages: ScenePages, exact: bool) -> naga::Module {
         let members = tree != TreeKind::Device;
-        let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages });
+        let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages, exact });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
@@ -152,8 +165,10 @@ mod tests {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
         let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
         let kernels = ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree)));
-        for ((kernel, tree), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
-            let module = parse_paged(kernel, tree, pages);
+        let kernels = kernels.flat_map(|kernel| [false, true].map(|exact| (kernel, exact)));
+        for (((kernel, tree), exact), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages)))
+        {
+            let module = parse_shape(kernel, tree, pages, exact);
             let queries =
                 if tree == TreeKind::Device { Capabilities::RAY_QUERY } else { Capabilities::empty() };
             Validator::new(ValidationFlags::all(), queries)

@@ -66,6 +66,9 @@ pub(super) struct TreeInstance {
 
 /// Where the canonical nearest hit of a ray may be: on one of up to three primitives, in order of distance
 /// ([`crate::stream::MISS`] where there are fewer), or on a primitive that was left out, not nearer than `rest`.
+///
+/// Behind such an answer the kernels of `exact` want places instead: three of them and `rest`; of members two places,
+/// then the numbers of their members.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Candidates {
@@ -103,11 +106,17 @@ pub(super) const NOWHERE: u32 = u32::MAX;
 /// An answer of `trace_any`: the ray is certainly occluded. Other answers are [`crate::stream::MISS`], [`UNDECIDED`]
 /// and primitives.
 pub(super) const OCCLUDED: u32 = u32::MAX - 1;
-/// An answer of `trace_any`: the kernel cannot decide.
+/// An answer of any kernel: the host has to decide.
 pub(super) const UNDECIDED: u32 = u32::MAX - 2;
 /// Bit of an answer of `trace_any` that is a primitive: other primitives may occlude the ray too. Primitive ids have 30
 /// bits.
 pub(super) const MORE: u32 = 1 << 30;
+
+/// Bit of a place: the filter decides about hits there. A place is a candidate that names the index of a pair, times
+/// two, plus one for its second triangle.
+pub(super) const PLACE_MASKED: u32 = 1 << 28;
+/// Bit of a listed ray: it is undecided because the filter decides about a candidate.
+pub(super) const MASKED_RAY: u32 = 1 << 31;
 
 /// Threads of a workgroup.
 pub(super) const WORKGROUP_SIZE: u32 = 64;

@@ -53,6 +53,7 @@ mod device_replacement;
 mod device_tree;
 mod dispatch;
 mod error;
+mod exact;
 mod fault;
 mod flatten;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
@@ -69,6 +70,7 @@ mod tests;
 mod tracer;
 mod tuning_cache;
 mod unchecked_module;
+mod undecided;
 mod variant;
 mod watchdog;
 

@@ -5,9 +5,9 @@ use super::variant::TreeKind;
 use super::{AdapterInfo, GpuError};
 use std::fmt::Write as _;
 
-/// Storage bindings that a kernel needs beside nodes, pairs and identities: members (or the device's own tree), rays
-/// and answers.
-const OTHER_BINDINGS: u64 = 3;
+/// Storage bindings that a kernel needs beside nodes, pairs and identities: members (or the device's own tree), rays,
+/// answers and the list of undecided rays.
+const OTHER_BINDINGS: u64 = 4;
 
 /// Records of one kind.
 #[derive(Clone, Copy, Debug)]
@@ -124,8 +124,9 @@ impl ScenePages {
         self.nodes.count + self.pairs.count + self.identities.count + 1
     }
 
-    /// WGSL that declares the pages, and the functions through which kernels read them.
-    pub fn source(self, tree: TreeKind) -> String {
+    /// WGSL that declares the pages, the functions through which kernels read them, and if `has_last` what follows the
+    /// pages: members or the device's own tree.
+    pub fn source(self, tree: TreeKind, has_last: bool) -> String {
         let Self { nodes, pairs, identities } = self;
         let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
         let node = match tree {
@@ -144,6 +145,9 @@ impl ScenePages {
         pairs.read(&mut text, "pairs", "pair_at(index: u32)", "Pair", "");
         identities.declare(&mut text, nodes.count + pairs.count, "identities", "vec2<u32>");
         identities.read(&mut text, "identities", "identity_at(index: u32)", "vec2<u32>", "");
+        if !has_last {
+            return text;
+        }
         let last = self.bindings() - 1;
         let variable = match tree {
             TreeKind::Device => "var boxes: acceleration_structure",

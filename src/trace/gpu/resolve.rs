@@ -1,11 +1,13 @@
 //! Resolves candidates: turns a device's answers into canonical ones, on the host.
 //!
-//! This runs on the dispatch thread, after the answers have been read back. Most hit rays have a single candidate that
+//! This runs on the dispatch thread, after the answers have been read back. A device that makes exact hits (`exact`)
+//! leaves only undecided rays, which are traced again. Otherwise most hit rays have a single candidate that
 //! no filter decides: those are tested in lanes, a ray and its candidate in each. The others take one test after the
 //! other. Reports count the time as the device's (`UnitReport::busy_s`). The vectors of undecided rays are allocated in
 //! each dispatch.
 
 use super::layout::{Candidates, MORE, OCCLUDED};
+use super::undecided::Undecided;
 use crate::bvh::{Bvh, Filter};
 use crate::geom::{CanonicalHit, CanonicalRay};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, SimdLevel};
@@ -32,13 +34,66 @@ impl Resolver {
         let Resolved { mut report, undecided } =
             SimdLevel::detect().run(Closest { resolver: self, rays, hits: &mut *hits });
         report.retraced = undecided.len() as u64;
+        self.trace_again(rays, hits, undecided);
+        report
+    }
+
+    /// Traces the rays that the device left undecided, where it has made hits of its candidates. So it does where an
+    /// answer is no hit, which a broken device may answer.
+    pub fn trace_undecided(&self, rays: &[Ray], hits: &mut [Hit], undecided: Undecided) -> DeviceReport {
+        let (undecided, masked) = match undecided {
+            Undecided::Listed { rays: listed, masked } => {
+                // One pass without branches, in which nothing is written.
+                let last = self.bvh.len() as u32;
+                let is_wrong = |hit: &Hit| hit.primitive.wrapping_add(1) > last;
+                let wrong = hits.iter().fold(0, |wrong, hit| wrong + usize::from(is_wrong(hit)));
+                if wrong == listed.len() { (listed, masked) } else { (self.without_hits(hits), masked) }
+            }
+            Undecided::InAnswers => (self.without_hits(hits), 0),
+        };
+        let retraced = undecided.len() as u64;
+        self.trace_again(rays, hits, undecided);
+        DeviceReport { flagged: retraced, retraced, masked: masked as u64, ..DeviceReport::default() }
+    }
+
+    /// Rays whose answers name no primitive and are no misses.
+    fn without_hits(&self, hits: &[Hit]) -> Vec<usize> {
+        let is_hit = |hit: &Hit| hit.is_miss() || self.exists(hit.primitive);
+        (0..hits.len()).filter(|&index| !is_hit(&hits[index])).collect()
+    }
+
+    fn trace_again(&self, rays: &[Ray], hits: &mut [Hit], undecided: Vec<usize>) {
         let again: Vec<Ray> = undecided.iter().map(|&index| rays[index]).collect();
         let mut answers = vec![Hit::NONE; again.len()];
         self.cpu.closest(&again, &mut answers);
         for (index, answer) in undecided.into_iter().zip(answers) {
             hits[index] = answer;
         }
-        report
+    }
+
+    /// [`Resolver::trace_undecided`] for shadow rays.
+    pub fn trace_undecided_shadows(
+        &self,
+        rays: &[Ray],
+        occluded: &mut [u32],
+        undecided: Undecided,
+    ) -> DeviceReport {
+        let (undecided, masked) = match undecided {
+            Undecided::Listed { rays, masked } => (rays, masked),
+            Undecided::InAnswers => ((0..rays.len()).filter(|&ray| occluded[ray] > 1).collect(), 0),
+        };
+        let retraced = undecided.len() as u64;
+        self.trace_shadows_again(rays, occluded, undecided);
+        DeviceReport { flagged: retraced, retraced, masked: masked as u64, ..DeviceReport::default() }
+    }
+
+    fn trace_shadows_again(&self, rays: &[Ray], occluded: &mut [u32], undecided: Vec<usize>) {
+        let again: Vec<Ray> = undecided.iter().map(|&index| rays[index]).collect();
+        let mut answers = vec![0; again.len()];
+        self.cpu.occluded(&again, &mut answers);
+        for (index, answer) in undecided.into_iter().zip(answers) {
+            occluded[index] = answer;
+        }
     }
 
     /// Replaces every ray's answer of `trace_any` by whether it is occluded: 1 or 0.
@@ -46,12 +101,7 @@ impl Resolver {
         let Resolved { mut report, undecided } =
             SimdLevel::detect().run(Occluded { resolver: self, rays, occluded: &mut *occluded });
         report.retraced = undecided.len() as u64;
-        let again: Vec<Ray> = undecided.iter().map(|&index| rays[index]).collect();
-        let mut answers = vec![0; again.len()];
-        self.cpu.occluded(&again, &mut answers);
-        for (index, answer) in undecided.into_iter().zip(answers) {
-            occluded[index] = answer;
-        }
+        self.trace_shadows_again(rays, occluded, undecided);
         report
     }
 

@@ -1,6 +1,7 @@
 //! A scene on the device: its buffers, and the kernels compiled for it.
 
 use super::dispatch::{KernelPipeline, bind_whole};
+use super::exact::{ExactKernels, Layouts, Refusal, Route};
 use super::flatten::{FlatScene, Nodes};
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
@@ -24,6 +25,8 @@ pub(super) struct DeviceScene {
     pub group: wgpu::BindGroup,
     pub trace_closest: KernelPipeline,
     pub trace_any: KernelPipeline,
+    /// How the device makes hits of candidates, or why the host does.
+    pub exact_hits: Result<Route, Refusal>,
     /// Bytes of the scene's buffers.
     pub bytes: u64,
 }
@@ -67,24 +70,15 @@ impl DeviceScene {
             };
             Ok((buffers, tree))
         };
-        let shape = Shape { stack, tree: variant.tree, members: !members.is_empty(), first_masked, pages };
-        let shared = gpu.info().shared_memory;
+        let (tree_kind, members) = (variant.tree, !members.is_empty());
+        let shape = Shape { stack, tree: tree_kind, members, first_masked, pages, exact: false };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
         let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings(), by_query));
         let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
-        let compile = |kernel: Kernel| {
-            let compiled = gpu.attempt(|device, _| {
-                let source = source(kernel, &shape);
-                KernelPipeline::new(device, kernel, source, &layout, request.clone(), shared)
-            });
-            compiled.map_err(GpuError::Lost)?.map_err(refused)
-        };
-        // Drivers take half a second for both kernels.
-        let (trace_closest, (trace_any, stored)) = rayon::join(
-            || compile(Kernel::TraceClosest),
-            || rayon::join(|| compile(Kernel::TraceAny), store),
-        );
-        let (trace_closest, trace_any) = (trace_closest?, trace_any?);
+        let layouts = Layouts { scene: &layout, request: &request };
+        // Drivers take half a second for the kernels.
+        let (kernels, stored) = rayon::join(|| Kernels::compile(gpu, &shape, layouts, source), store);
+        let Kernels { trace_closest, trace_any, exact_hits } = kernels?;
         let (buffers, tree) = stored?;
         let bound = gpu.attempt(|device, _| {
             let mut entries: Vec<_> =
@@ -96,7 +90,54 @@ impl DeviceScene {
             device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries })
         });
         let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
-        Ok(Self { group, trace_closest, trace_any, bytes })
+        Ok(Self { group, trace_closest, trace_any, exact_hits, bytes })
+    }
+}
+
+/// The kernels of a scene.
+struct Kernels {
+    trace_closest: KernelPipeline,
+    trace_any: KernelPipeline,
+    exact_hits: Result<Route, Refusal>,
+}
+
+impl Kernels {
+    /// Compiles the kernels for scenes of a shape, and those that make exact hits where the device can.
+    fn compile(gpu: &Gpu, shape: &Shape, layouts: Layouts<'_>, source: Source) -> Result<Self, GpuError> {
+        let shared = gpu.info().shared_memory;
+        let compile = |kernel: Kernel, shape: &Shape| {
+            let compiled = gpu.attempt(|device, _| {
+                let source = source(kernel, shape);
+                KernelPipeline::new(device, kernel, source, layouts, shared)
+            });
+            let refused = |reason| GpuError::Kernel { adapter: gpu.info().to_string(), reason };
+            compiled.map_err(GpuError::Lost)?.map_err(refused)
+        };
+        let both = |exact: bool| {
+            let shape = Shape { exact, ..*shape };
+            let (closest, any) =
+                rayon::join(|| compile(Kernel::TraceClosest, &shape), || compile(Kernel::TraceAny, &shape));
+            Ok((closest?, any?))
+        };
+        let is_possible = Refusal::unless_possible(gpu);
+        let wants_exact = is_possible.is_ok();
+        let make_exact = || is_possible.and_then(|_| ExactKernels::new(gpu, shape, layouts));
+        let (exact, traversals) = rayon::join(make_exact, || both(wants_exact));
+        let (mut trace_closest, mut trace_any) = traversals?;
+        let exact_hits = match exact {
+            Ok(ExactKernels { route, closest, any }) => {
+                trace_closest.make_exact(Some(closest));
+                trace_any.make_exact(any);
+                Ok(route)
+            }
+            Err(refusal) => {
+                if wants_exact {
+                    (trace_closest, trace_any) = both(false)?;
+                }
+                Err(refusal)
+            }
+        };
+        Ok(Self { trace_closest, trace_any, exact_hits })
     }
 }
 
@@ -127,7 +168,7 @@ fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffe
 }
 
 /// The layouts of group 0 (the scene's pages, then members or the device's own tree) and of group 1 (rays, params,
-/// answers).
+/// answers, undecided rays).
 fn layouts(
     device: &wgpu::Device,
     pages: u32,
@@ -156,7 +197,7 @@ fn layouts(
     if let (true, Some(last)) = (by_query, scene.last_mut()) {
         *last = AccelerationStructure { vertex_return: false };
     }
-    (layout("scene", &scene), layout("request", &[input, buffer(Uniform), output]))
+    (layout("scene", &scene), layout("request", &[input, buffer(Uniform), output, output]))
 }
 
 /// Writes a buffer piece by piece and waits for each, so that staging memory stays small.

@@ -1,10 +1,12 @@
 //! The GPU tracer: traces whole ray streams, replaces lost devices.
 
 use super::dispatch::{Request, max_rays};
+use super::exact::{Refusal, Route};
 use super::kernel::Kernel;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
 use super::shared_buffer::SharedBuffer;
+use super::undecided::Undecided;
 use super::{AdapterKind, Fault, Gpu, GpuError, Variant, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
@@ -170,6 +172,19 @@ impl GpuTracer {
         self.shared.device().scene.bytes
     }
 
+    /// How the device makes exact hits; `None` if the host makes them of the device's candidates.
+    pub fn exact_hits(&self) -> Option<String> {
+        self.shared.device().scene.exact_hits.as_ref().ok().map(Route::to_string)
+    }
+
+    /// Why the host makes hits of the device's candidates, if a probe refused the device's own.
+    pub fn refused_hits(&self) -> Option<String> {
+        match &self.shared.device().scene.exact_hits {
+            Err(refusal @ Refusal::Inexact { .. }) => Some(refusal.to_string()),
+            _ => None,
+        }
+    }
+
     /// How many attempts to replace a lost device there were before the device in use was opened.
     pub fn replacements(&self) -> u32 {
         self.shared.device().gpu.replacement.number()
@@ -218,12 +233,15 @@ impl Drop for GpuTracer {
     }
 }
 
-/// How long a dispatch took.
-struct Times {
+/// What a dispatch has answered besides hits, and how long it took.
+struct Answered {
     /// Until its commands were submitted.
     until_submitted: Duration,
     /// From there until its answers had been read back.
     until_read_back: Duration,
+    /// The rays, and the shadow rays, that the device left undecided, if it has made hits of its candidates.
+    closest: Option<Undecided>,
+    any: Option<Undecided>,
 }
 
 impl SceneDevice {
@@ -234,7 +252,7 @@ impl SceneDevice {
         any: &mut Request<'_, u32>,
         scene_max_abs: f32,
         fault: Option<Fault>,
-    ) -> Result<Times, String> {
+    ) -> Result<Answered, String> {
         self.gpu.guard(|device, queue| {
             let start = Instant::now();
             let DeviceScene { group, trace_closest, trace_any, .. } = &self.scene;
@@ -250,12 +268,13 @@ impl SceneDevice {
             if let Some(Fault::Lost(_)) = fault {
                 device.destroy();
             }
-            let hits = hits.map(|encoded| encoded.map(closest));
-            let occluded = occluded.map(|encoded| encoded.map(any));
+            let hits = hits.map(|encoded| encoded.map(closest, trace_closest.is_exact()));
+            let occluded = occluded.map(|encoded| encoded.map(any, trace_any.is_exact()));
             self.gpu.watchdog.record(self.gpu.wait(&submission)?);
-            hits.map_or(Ok(()), |in_flight| trace_closest.read_back(closest, in_flight))?;
-            occluded.map_or(Ok(()), |in_flight| trace_any.read_back(any, in_flight))?;
-            Ok(Times { until_submitted, until_read_back: start.elapsed() - until_submitted })
+            let closest = hits.map_or(Ok(None), |in_flight| trace_closest.read_back(closest, in_flight))?;
+            let any = occluded.map_or(Ok(None), |in_flight| trace_any.read_back(any, in_flight))?;
+            let until_read_back = start.elapsed() - until_submitted;
+            Ok(Answered { until_submitted, until_read_back, closest, any })
         })
     }
 
@@ -269,18 +288,24 @@ impl SceneDevice {
         let (number, fault) = self.gpu.next_dispatch();
         let DeviceScene { trace_closest, trace_any, .. } = &self.scene;
         let bytes_copied = trace_closest.bytes_copied(&closest) + trace_any.bytes_copied(&any);
-        let times = self
+        let answered = self
             .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
             .map_err(DeviceError::Lost)?;
         let ((rays, hits), (shadow_rays, occluded)) = (closest.slices(), any.slices());
-        let mut report = resolver.closest(rays, hits);
-        report += resolver.occluded(shadow_rays, occluded);
+        let mut report = match answered.closest {
+            Some(undecided) => resolver.trace_undecided(rays, hits, undecided),
+            None => resolver.closest(rays, hits),
+        };
+        report += match answered.any {
+            Some(undecided) => resolver.trace_undecided_shadows(shadow_rays, occluded, undecided),
+            None => resolver.occluded(shadow_rays, occluded),
+        };
         if let Some(Fault::Corrupt(_)) = fault {
             fault::corrupt(hits, occluded);
         }
         report.bytes_copied = bytes_copied;
-        report.sending_ns = times.until_submitted.as_nanos() as u64;
-        report.waiting_ns = times.until_read_back.as_nanos() as u64;
+        report.sending_ns = answered.until_submitted.as_nanos() as u64;
+        report.waiting_ns = answered.until_read_back.as_nanos() as u64;
         let cpu = &*resolver.cpu;
         let checked = cross_check::closest(cpu, rays, hits, number)
             .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));

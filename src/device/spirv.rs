@@ -43,14 +43,26 @@ const ON_NUMBERS: [std::ops::RangeInclusive<u32>; 9] =
 /// Comparisons of integers and truth values among them.
 const ON_OTHERS: std::ops::RangeInclusive<u32> = 164..=179;
 
+/// The fused multiply-add of GLSL.std.450.
+const FMA: u32 = 50;
+
 /// Functions of GLSL.std.450 on integers: least, greatest, clamped, lowest and highest bit.
 const ON_INTEGERS: [u32; 9] = [38, 39, 41, 42, 44, 45, 73, 74, 75];
+
+/// Whether a kernel may have a fused multiply-add of GLSL.std.450, which only some devices round once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fma {
+    /// It may not.
+    Refused,
+    /// It may: a probe has to tell what the device makes of it.
+    Probed,
+}
 
 /// Compiles a kernel's WGSL.
 ///
 /// # Errors
 /// When naga refuses it, or when it has an operation on numbers that is no sum, difference or product.
-pub(crate) fn spirv(source: &str, controls: FloatControls) -> Result<Vec<u32>, String> {
+pub(crate) fn spirv(source: &str, controls: FloatControls, fma: Fma) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)
@@ -67,7 +79,7 @@ pub(crate) fn spirv(source: &str, controls: FloatControls) -> Result<Vec<u32>, S
         ..spv::Options::default()
     };
     let words = spv::write_vec(&module, &info, &options, None).map_err(|error| error.to_string())?;
-    exact(&words, controls)
+    exact(&words, controls, fma)
 }
 
 /// The instructions of a module: where each begins, its number and its words.
@@ -82,7 +94,7 @@ fn instructions(words: &[u32]) -> impl Iterator<Item = (usize, u32, &[u32])> {
 }
 
 /// Adds to a module what makes its arithmetic exact.
-fn exact(words: &[u32], controls: FloatControls) -> Result<Vec<u32>, String> {
+fn exact(words: &[u32], controls: FloatControls, fma: Fma) -> Result<Vec<u32>, String> {
     let (mut results, mut entries) = (Vec::new(), Vec::new());
     let (mut after_capabilities, mut after_entries, mut annotations) = (HEADER, HEADER, None);
     for (at, number, instruction) in instructions(words) {
@@ -95,6 +107,7 @@ fn exact(words: &[u32], controls: FloatControls) -> Result<Vec<u32>, String> {
             }
             OP_DECORATE => annotations = annotations.or(Some(at)),
             OP_F_ADD | OP_F_SUB | OP_F_MUL => results.push(instruction[2]),
+            OP_EXT_INST if instruction[4] == FMA && fma == Fma::Probed => results.push(instruction[2]),
             OP_EXT_INST if !ON_INTEGERS.contains(&instruction[4]) => {
                 return Err(format!("the kernel has function {} of GLSL.std.450", instruction[4]));
             }
@@ -148,7 +161,9 @@ mod tests {
 
     #[test]
     fn every_operation_on_numbers_is_decorated_and_others_are_refused() {
-        let compiled = |operation: &str, controls| spirv(&KERNEL.replace("OPERATION", operation), controls);
+        let compiled = |operation: &str, controls| {
+            spirv(&KERNEL.replace("OPERATION", operation), controls, Fma::Refused)
+        };
         let plain = compiled("words[0] * words[1] + words[2] - words[3]", FloatControls::default());
         let plain = plain.expect("sums and products only");
         let decorated: Vec<u32> = instructions(&plain)

@@ -1,29 +1,35 @@
 //! Kernels that reach the driver as they are, because wgpu would drop what makes their arithmetic exact.
 //!
 //! Unsafe code. Invariants:
-//! 1. The words are those of `device::spirv`: naga has validated and written the module, which then got decorations of
+//! 1. The words are those of `spirv`: naga has validated and written the module, which then got decorations of
 //!    results and float controls, the latter only if the device offers them ([`float_controls`]).
-//! 2. Every index is in range. A thread beyond the number of points returns at once, the caller binds as many words as
-//!    the kernel has columns of points, and naga's policy `Restrict` clamps indices all the same.
-//! 3. Every loop ends: after `MOST_TURNS` turns of all loops of a point, and naga bounds loops as well.
+//! 2. Every index is in range. A thread beyond the number of points or rays returns at once, the caller binds as many
+//!    words as these need, and naga's policy `Restrict` clamps indices all the same.
+//! 3. Every loop ends: a program's after `MOST_TURNS` turns of all loops of a point, others after three turns, and naga
+//!    bounds loops as well.
 //! 4. The hal device is used while its guard lives, and nothing of it is destroyed. Structs are filled as Vulkan
 //!    requires; the instance has version 1.1 at least where the device has 1.2.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use crate::program::device::{FloatControls, WORKGROUP};
+use super::{FloatControls, WORKGROUP};
 use ash::vk;
 use std::borrow::Cow;
 use wgpu::hal::api::Vulkan;
 
-/// The module of a kernel.
-pub(super) fn module(device: &wgpu::Device, words: &[u32]) -> wgpu::ShaderModule {
-    let entry = |name| wgpu::PassthroughShaderEntryPoint {
+/// The module of kernels, with these entry points.
+pub(crate) fn module(
+    device: &wgpu::Device,
+    label: &str,
+    words: &[u32],
+    entries: &[&'static str],
+) -> wgpu::ShaderModule {
+    let entry = |&name: &&'static str| wgpu::PassthroughShaderEntryPoint {
         name: Cow::Borrowed(name),
         workgroup_size: (WORKGROUP, 1, 1),
     };
     let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
-        label: Some("shading"),
-        entry_points: Cow::Owned(vec![entry("shade"), entry("probe")]),
+        label: Some(label),
+        entry_points: entries.iter().map(entry).collect(),
         spirv: Some(Cow::Borrowed(words)),
         ..Default::default()
     };
@@ -31,7 +37,7 @@ pub(super) fn module(device: &wgpu::Device, words: &[u32]) -> wgpu::ShaderModule
     unsafe { device.create_shader_module_passthrough(descriptor) }
 }
 
-/// What a device offers of float controls; `None` without Vulkan.
+/// What a device that takes kernels as they are offers of float controls; `None` without Vulkan.
 pub(super) fn float_controls(device: &wgpu::Device) -> Option<FloatControls> {
     let mut found = vk::PhysicalDeviceFloatControlsProperties::default();
     let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut found);

@@ -1,0 +1,143 @@
+//! A frame whose rays stand for many: what a renderer, a host's tracer and a device do with them is counted, not done.
+
+use super::super::super::{Batch, Output, Renderer};
+use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// Rays that one stands for: the smallest chunk. All sizes of a simulated job are counted in these.
+pub const GRAIN: usize = 1024;
+
+/// Rays of a tile (`render::pass`).
+pub const TILE_RAYS: usize = 4096;
+
+/// The rays of a frame, by kind.
+#[derive(Clone, Copy, Debug)]
+pub struct Rays {
+    pub camera: f64,
+    pub continuation: f64,
+    pub shadow: f64,
+}
+
+impl Rays {
+    pub fn total(self) -> f64 {
+        self.camera + self.continuation + self.shadow
+    }
+
+    pub fn scaled(self, by: f64) -> Self {
+        Self { camera: self.camera * by, continuation: self.continuation * by, shadow: self.shadow * by }
+    }
+}
+
+/// What a task has done, in rays.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Done {
+    pub traced: u64,
+    pub shaded: u64,
+    /// Rays and shadow rays of a dispatch.
+    pub dispatched: [u64; 2],
+}
+
+/// A frame: every camera ray goes on with the same probability, spread evenly over batches, and so do shadow rays.
+pub struct Frame {
+    tiles: u64,
+    /// Rays, and shadow rays, emitted for each ray shaded.
+    emitted: [f64; 2],
+    /// The fractions that batches have left.
+    rest: Mutex<[f64; 2]>,
+    traced: AtomicU64,
+    shaded: AtomicU64,
+    dispatched: [AtomicU64; 2],
+}
+
+impl Frame {
+    pub fn new(rays: Rays) -> Self {
+        let shaded = rays.camera + rays.continuation;
+        Self {
+            tiles: (rays.camera / TILE_RAYS as f64).ceil() as u64,
+            emitted: [rays.continuation / shaded, rays.shadow / shaded],
+            rest: Mutex::default(),
+            traced: AtomicU64::new(0),
+            shaded: AtomicU64::new(0),
+            dispatched: Default::default(),
+        }
+    }
+
+    /// What has been done since this was called last.
+    pub fn take_done(&self) -> Done {
+        let take = |count: &AtomicU64| count.swap(0, Relaxed) * GRAIN as u64;
+        Done {
+            traced: take(&self.traced),
+            shaded: take(&self.shaded),
+            dispatched: self.dispatched.each_ref().map(take),
+        }
+    }
+}
+
+impl Renderer for Frame {
+    type Payload = ();
+    type ShadowPayload = ();
+
+    fn tiles(&self) -> u64 {
+        self.tiles
+    }
+
+    fn tile_rays(&self) -> usize {
+        TILE_RAYS / GRAIN
+    }
+
+    fn shadow_rays_per_ray(&self) -> usize {
+        self.emitted[1].ceil() as usize
+    }
+
+    fn most_in_flight(&self) -> usize {
+        usize::MAX
+    }
+
+    fn spawn(&self, _: u64, out: &mut Output<'_, (), ()>) {
+        (0..TILE_RAYS / GRAIN).for_each(|_| out.ray(Ray::default(), ()));
+    }
+
+    fn shade(&self, batch: Batch<'_, ()>, out: &mut Output<'_, (), ()>) {
+        self.shaded.fetch_add(batch.rays.len() as u64, Relaxed);
+        let mut rest = self.rest.lock().unwrap();
+        let mut count = |kind: usize| {
+            rest[kind] += batch.rays.len() as f64 * self.emitted[kind];
+            let whole = rest[kind].floor().min(batch.rays.len() as f64 * self.emitted[kind].ceil());
+            rest[kind] -= whole;
+            whole as usize
+        };
+        (0..count(0)).for_each(|_| out.ray(Ray::default(), ()));
+        (0..count(1)).for_each(|_| out.shadow(Ray::default(), ()));
+    }
+
+    fn shadow(&self, rays: &[Ray], _: &[()], _: &[u32]) {
+        self.shaded.fetch_add(rays.len() as u64, Relaxed);
+    }
+}
+
+impl Tracer for Frame {
+    fn closest(&self, rays: &[Ray], _: &mut [Hit]) {
+        self.traced.fetch_add(rays.len() as u64, Relaxed);
+    }
+
+    fn occluded(&self, rays: &[Ray], _: &mut [u32]) {
+        self.traced.fetch_add(rays.len() as u64, Relaxed);
+    }
+}
+
+impl DeviceTracer for Frame {
+    fn name(&self) -> &str {
+        "a modelled device"
+    }
+
+    fn max_rays(&self) -> usize {
+        usize::MAX
+    }
+
+    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
+        self.dispatched[0].fetch_add(queries.rays.len() as u64, Relaxed);
+        self.dispatched[1].fetch_add(queries.shadow_rays.len() as u64, Relaxed);
+        Ok(DeviceReport::default())
+    }
+}

@@ -1,0 +1,207 @@
+//! The scheduler in virtual time: the state machine, the policies, the lists and the streams are the service's own; the
+//! clock and what tasks cost are modelled. Rays stand for a thousand each, so a frame takes milliseconds.
+
+mod clock;
+mod frame;
+mod grid;
+mod h100;
+mod machine;
+
+use super::super::limits::Demand;
+use super::super::pool::Pool;
+use super::super::report::{JobReport, Progress};
+use super::super::result::JobError;
+use super::super::service::prepare;
+use super::super::state::{Next, Receiver, State};
+use super::super::task::Work;
+use super::super::{JobOptions, Limits, Policy, ServiceOptions, Sharing, Tracers, Unit};
+use crate::stream::ChunkScratch;
+use clock::{Clock, Step};
+use frame::{Done, Frame, GRAIN, TILE_RAYS};
+use machine::{Machine, Scene};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+/// From waking a thread until it runs.
+const WAKE_NS: f64 = 5e3;
+
+/// Who traces, and how.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    scene: Scene,
+    machine: Machine,
+    unit: Unit,
+    policy: Policy,
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug)]
+struct Outcome {
+    seconds: f64,
+    /// The device's share of the rays.
+    device: f64,
+    /// The share of the time in which its kernels ran.
+    busy: f64,
+}
+
+#[derive(Default)]
+struct Outbox(Mutex<Option<JobReport>>);
+
+impl Receiver for Outbox {
+    fn leave(&self, _: Progress) {}
+
+    fn deliver(&self, outcome: Result<JobReport, JobError>) {
+        *self.0.lock().unwrap() = Some(outcome.expect("nothing fails in virtual time"));
+    }
+}
+
+/// A thread's task, or what it does before its next.
+#[derive(Default)]
+struct Thread {
+    steps: VecDeque<Step>,
+    work: Option<Arc<dyn Work>>,
+    has_dispatched: bool,
+}
+
+struct Simulation {
+    run: Run,
+    state: State,
+    clock: Clock,
+    frame: Arc<Frame>,
+    threads: Vec<Thread>,
+    pool: Pool,
+    scratch: ChunkScratch,
+    /// Of tracing and shading, by the size of the streams.
+    slowdown: f64,
+}
+
+impl Run {
+    fn dispatchers(&self) -> usize {
+        let device = self.machine.device.filter(|_| self.unit != Unit::Cpu);
+        device.map_or(0, |device| device.sizing.in_flight)
+    }
+
+    /// The sizes that the job would have, in rays.
+    fn limits(&self) -> Limits {
+        let device = self.machine.device.filter(|_| self.unit != Unit::Cpu);
+        let demand = Demand {
+            tiles: (self.scene.rays.camera / TILE_RAYS as f64).ceil() as u64,
+            tile_rays: TILE_RAYS,
+            shadow_rays_per_ray: usize::from(self.scene.rays.shadow > 0.0),
+            most_in_flight: usize::MAX,
+            host_threads: self.machine.hosts,
+            dispatch_threads: self.dispatchers(),
+            traces_on_device: device.is_some(),
+            device: device.map(|device| device.sizing),
+        };
+        Limits::derive(&JobOptions::default(), demand).expect("a real job's sizes fit each other")
+    }
+
+    /// Runs the frame.
+    fn simulate(self) -> Outcome {
+        let limits = self.limits();
+        let grains = |rays: usize| Some((rays / GRAIN).max(1));
+        let options = JobOptions {
+            caller_rays: 0,
+            in_flight: grains(limits.in_flight),
+            threshold: grains(limits.threshold),
+            batch_rays: (limits.batch_rays / GRAIN).max(1),
+            chunk_rays: (limits.chunk_rays / GRAIN).max(1),
+            chunk_rays_most: (limits.chunk_rays_most / GRAIN).max(1),
+            policy: Some(self.policy),
+            ..JobOptions::default()
+        };
+        let (hosts, dispatchers) = (self.machine.hosts, self.dispatchers());
+        let frame = Arc::new(Frame::new(self.scene.rays));
+        let mut simulation = Simulation {
+            state: State::new(&ServiceOptions {
+                host_threads: hosts,
+                dispatch_threads: dispatchers,
+                max_jobs: 1,
+                max_queries: 1,
+                sharing: Sharing::Fair,
+                rayon_pool: None,
+            }),
+            clock: Clock::new(&self.machine),
+            threads: (0..hosts + dispatchers).map(|_| Thread::default()).collect(),
+            pool: Pool::new(1),
+            scratch: ChunkScratch::default(),
+            slowdown: self.scene.slowdown_at(limits.threshold),
+            frame: Arc::clone(&frame),
+            run: self,
+        };
+        for thread in 0..hosts + dispatchers {
+            drop(simulation.state.next(thread, 0));
+        }
+        let tracers = Tracers {
+            device: (dispatchers > 0).then(|| Arc::clone(&frame) as _),
+            unit: self.unit,
+            ..Tracers::cpu(Arc::clone(&frame) as _).with_shading(Unit::Cpu)
+        };
+        let outbox = Arc::new(Outbox::default());
+        let receiver = Arc::clone(&outbox) as _;
+        let submission =
+            prepare(frame, tracers, &options, (hosts, dispatchers), &simulation.pool, receiver).unwrap();
+        simulation.state.submit(submission, 0);
+        simulation.apply_effects();
+        while let Some(thread) = simulation.clock.next() {
+            simulation.step(thread);
+        }
+        let report = outbox.0.lock().unwrap().take().expect("the frame ends");
+        let rays = (report.cpu.rays + report.gpu.rays) as f64;
+        let seconds = report.wall_s;
+        let busy = simulation.clock.device_busy_ns * 1e-9 / seconds;
+        Outcome { seconds, device: report.gpu.rays as f64 / rays, busy }
+    }
+}
+
+impl Simulation {
+    /// A thread has ended a step.
+    fn step(&mut self, thread: usize) {
+        if let Some(step) = self.threads[thread].steps.pop_front() {
+            self.clock.begin(thread, step);
+            return;
+        }
+        let now_ns = self.clock.now_ns();
+        if self.threads[thread].work.take().is_some() {
+            self.state.finish(thread, now_ns);
+        }
+        if let Next::Work(work) = self.state.next(thread, now_ns) {
+            work.work(thread, &mut self.scratch);
+            self.threads[thread].work = Some(work);
+            self.threads[thread].steps = self.cost(thread);
+            let first = self.threads[thread].steps.pop_front().expect("a task has a step");
+            self.clock.begin(thread, first);
+        }
+        self.apply_effects();
+    }
+
+    /// The steps of the task that a thread has.
+    fn cost(&mut self, thread: usize) -> VecDeque<Step> {
+        let Scene { trace_ns, shade_ns, resolve_ns, .. } = self.run.scene;
+        let Done { traced, shaded, dispatched } = self.frame.take_done();
+        let rays = dispatched.iter().sum::<u64>();
+        if rays > 0 {
+            let is_first = !std::mem::replace(&mut self.threads[thread].has_dispatched, true);
+            let first_ns = self.run.machine.device.filter(|_| is_first).map_or(0.0, |device| device.first_ns);
+            let resolve = Step::Compute(rays as f64 * resolve_ns);
+            [Step::Submit, Step::Sleep(first_ns), Step::Wait(dispatched), resolve].into()
+        } else {
+            let ns = traced as f64 * trace_ns + shaded as f64 * shade_ns;
+            [Step::Compute(ns * self.slowdown)].into()
+        }
+    }
+
+    /// Wakes threads and delivers the result, as the service does.
+    fn apply_effects(&mut self) {
+        let effects = self.state.take_effects();
+        for thread in effects.wake.into_iter().flatten() {
+            self.clock.begin(thread, Step::Sleep(WAKE_NS));
+        }
+        for ended in effects.ended {
+            ended.submission.job.retire(&self.pool);
+            drop(ended.submission.work);
+            ended.submission.receiver.deliver(ended.outcome);
+        }
+    }
+}
