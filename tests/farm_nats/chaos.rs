@@ -1,5 +1,5 @@
-//! Many things go wrong, at moments that a seed chooses, and one of the workers is no honest one. Every job ends with the
-//! right hash.
+//! Many things go wrong, at moments that a seed chooses, and one of the workers is no honest one. Every job ends with
+//! the right hash.
 
 use crate::links::{CUT, Links};
 use crate::machines::{Nats, Worker};
