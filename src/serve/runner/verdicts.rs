@@ -113,11 +113,13 @@ impl Runner {
     fn take_foreign(&self, key: &str, id: &UnitId) -> Verdict {
         let lease = self.bus.lease_time();
         let state = &mut *self.state();
+        let holders = state.outstanding.get(id).into_iter().flat_map(|unit| &unit.holders);
+        let given = holders.filter(|holder| holder.key == key).map(|holder| holder.since).next();
         state.put_back(key, id);
         let scene = state.runs.get(&id.job).map(|run| run.job.scene.clone()).unwrap_or_default();
         let why = "it is of another picture: scene, options or program differ";
         log::warn!("worker {}: unit {id}: {why}", state.workers.label(key));
-        if state.workers.is_first_foreign(key, &scene, lease) {
+        if state.workers.is_to_fetch_anew(key, &scene, given, lease) {
             Verdict::Anew(why.into())
         } else {
             Verdict::Refused(why.into())
