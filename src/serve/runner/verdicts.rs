@@ -55,7 +55,7 @@ impl Runner {
                 let first = Party { key: key.to_owned(), name, digest };
                 let samples = row.samples();
                 let id = UnitId { copy: 1, ..id.clone() };
-                let comparison = is_compared.then(|| Comparison { id, row, blocks, first });
+                let comparison = is_compared.then_some(Comparison { id, row, blocks, first });
                 self.note_kept(key, &finished_id, samples, seconds, comparison);
                 failpoint::pass(if is_complete { "frame-complete" } else { "unit-kept" });
                 (Verdict::Kept, "done")
