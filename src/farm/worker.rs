@@ -115,6 +115,8 @@ pub struct Worker {
     refused: Mutex<Option<String>>,
     /// Why it was last given no units.
     rests: Mutex<String>,
+    /// When scenes were last forgotten.
+    discarded: Mutex<HashMap<String, Instant>>,
     last_unit: Mutex<Instant>,
     rays: AtomicU64,
     lease_time: Mutex<Duration>,
@@ -186,6 +188,7 @@ impl Worker {
             is_ending: AtomicBool::new(false),
             refused: Mutex::default(),
             rests: Mutex::default(),
+            discarded: Mutex::default(),
             last_unit: Mutex::new(Instant::now()),
             rays: AtomicU64::new(0),
             lease_time,
@@ -413,6 +416,7 @@ impl Worker {
     }
 
     fn render(&self, Leased { unit, token }: &Leased, watch: &UnitWatch) {
+        let began = Instant::now();
         let held = || Held { unit: unit.id.clone(), token: token.clone() };
         let rendered = match self.options.mischief {
             Some(Mischief::Spoil) => Err(Failed::Unit("it is broken".into())),
@@ -438,7 +442,7 @@ impl Worker {
                 let (held, sums) = (held(), Arc::new(sums));
                 let finished =
                     FinishedUnit { held, identity, blocks, samples, digest, seconds, opening_s, sums };
-                self.send(unit, watch, finished);
+                self.send((unit, began), watch, finished);
             }
             Err(Failed::GiveBack(why)) => {
                 log::warn!("unit {}: {why}; it is given back", unit.id);
@@ -474,7 +478,7 @@ impl Worker {
     }
 
     /// Sends a film until the coordinator has it on its disk. Only then does the lease end.
-    fn send(&self, unit: &Unit, watch: &UnitWatch, result: FinishedUnit) {
+    fn send(&self, (unit, began): (&Unit, Instant), watch: &UnitWatch, result: FinishedUnit) {
         let held = result.held.clone();
         let ask = Ask::Result(result);
         let answer = self.persist(watch, || match self.bus.ask(ask.clone())? {
@@ -485,7 +489,7 @@ impl Worker {
         match answer {
             Some(Answer::Verdict(Verdict::Anew(why))) => {
                 log::warn!("unit {}: the coordinator refuses it: {why}; the scene is fetched anew", unit.id);
-                self.discard(&unit.scene);
+                self.discard(&unit.scene, began);
             }
             Some(Answer::Verdict(Verdict::Refused(why))) => {
                 log::warn!("unit {}: the coordinator refuses it: {why}", unit.id);
@@ -495,13 +499,18 @@ impl Worker {
         }
     }
 
-    /// Forgets a scene, on the disk and in memory.
-    fn discard(&self, scene: &str) {
+    /// Forgets a scene, on the disk and in memory, unless that has been done since a unit of it began.
+    fn discard(&self, scene: &str, began: Instant) {
+        let mut discarded = lock(&self.discarded);
+        if discarded.get(scene).is_some_and(|last| began < *last) {
+            return;
+        }
         lock(&self.ready).retain(|(key, _)| !key.starts_with(scene));
         if let Some(folder) = self.scenes.folder(scene) {
             self.scenes.discard(scene);
             self.reader.forget(&folder);
         }
+        discarded.insert(scene.to_owned(), Instant::now());
     }
 
     /// Asks again and again, with pauses. `None` if there is no answer for too long, or the unit is stopped.

@@ -1,7 +1,7 @@
 //! One thing goes wrong at a time.
 
 use crate::machines::worker_output;
-use crate::{Nats, SIZE, Worker, coordinator, folder, shipped, still};
+use crate::{Nats, Worker, coordinator, folder, shipped, still};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
 use std::net::TcpStream;

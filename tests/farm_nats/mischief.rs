@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// A job of many units.
 fn many() -> Value {
-    json!({ "size": "96x64", "spp": 512, "seed": 3 })
+    json!({ "size": "96x64", "spp": 64, "seed": 3 })
 }
 
 /// A farm of honest workers and one that is not; how long the job takes, and its hash.
@@ -156,7 +156,7 @@ fn a_worker_that_holds_units_and_returns_nothing_delays_the_others_little() {
     let slack = 4.0;
     assert!(with.as_secs_f64() < 1.6 * without.as_secs_f64() + slack, "{share}");
     let scene = service.upload_file(&shipped("cornell.json"));
-    let next = service.submit(&scene, &json!({ "size": "96x64", "spp": 2048, "seed": 4 }));
+    let next = service.submit(&scene, &json!({ "size": "96x64", "spp": 4096, "seed": 4 }));
     let resting = state_of(&service, "worker-1", "resting");
     assert!(resting["reason"].as_str().is_some_and(|why| why.contains("has returned none")), "{resting}");
     service.post(&format!("/api/v1/jobs/{next}/cancel"), &json!({}));

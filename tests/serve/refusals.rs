@@ -86,8 +86,8 @@ fn what_is_wrong_with_a_request_is_named() {
     assert_eq!(jobs("{}", "text/plain").status, 415);
     assert_eq!(jobs(&"x".repeat(2 << 20), "application/json").status, 413);
     for (options, says) in [
-        (json!({ "output": "/etc/passwd" }), "no option of a job"),
-        (json!({ "threads": 1 }), "no option of a job"),
+        (json!({ "output": "/etc/passwd" }), "no option of a picture"),
+        (json!({ "threads": 1 }), "no option of a picture"),
         (json!({ "spp": 0 }), "spp"),
         (json!({ "size": "0x3" }), "width and height"),
         (json!({ "size": "16000x16000" }), "pixels"),

@@ -55,7 +55,7 @@ impl Runner {
                 let first = Party { key: key.to_owned(), name, digest };
                 let samples = row.samples();
                 let id = UnitId { copy: 1, ..id.clone() };
-                let comparison = is_compared.then(|| Comparison { id, row, blocks, first });
+                let comparison = is_compared.then_some(Comparison { id, row, blocks, first });
                 self.note_kept(key, &finished_id, samples, seconds, comparison);
                 failpoint::pass(if is_complete { "frame-complete" } else { "unit-kept" });
                 (Verdict::Kept, "done")
@@ -113,11 +113,13 @@ impl Runner {
     fn take_foreign(&self, key: &str, id: &UnitId) -> Verdict {
         let lease = self.bus.lease_time();
         let state = &mut *self.state();
+        let holders = state.outstanding.get(id).into_iter().flat_map(|unit| &unit.holders);
+        let given = holders.filter(|holder| holder.key == key).map(|holder| holder.since).next();
         state.put_back(key, id);
         let scene = state.runs.get(&id.job).map(|run| run.job.scene.clone()).unwrap_or_default();
         let why = "it is of another picture: scene, options or program differ";
         log::warn!("worker {}: unit {id}: {why}", state.workers.label(key));
-        if state.workers.is_first_foreign(key, &scene, lease) {
+        if state.workers.is_to_fetch_anew(key, &scene, given, lease) {
             Verdict::Anew(why.into())
         } else {
             Verdict::Refused(why.into())

@@ -3,7 +3,7 @@
 use super::decisions::{REST_LEASES, is_fruitless};
 use crate::farm::{Build, Card, MOST_SLOTS, Report, Welcome, is_name};
 use serde::Serialize;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 /// Workers that were not heard of for this long are forgotten.
@@ -30,8 +30,8 @@ struct Known {
     redeliveries: u64,
     /// Since when it has had units and has returned nothing.
     owes_since: Option<Instant>,
-    /// Scenes whose picture was another one at this worker.
-    foreign: HashSet<String>,
+    /// Scenes whose picture was another one at this worker, and when it was told so.
+    foreign: HashMap<String, Instant>,
     /// Why this process of it may take no more units.
     sent_home: Option<String>,
     complaints: u64,
@@ -129,7 +129,7 @@ impl Workers {
             speed: 0.0,
             redeliveries: 0,
             owes_since: None,
-            foreign: HashSet::new(),
+            foreign: HashMap::new(),
             sent_home: None,
             complaints: 0,
             gave_back: None,
@@ -263,12 +263,24 @@ impl Workers {
         self.resting.insert(key.to_owned(), (Instant::now() + rest, why));
     }
 
-    /// Takes note that a worker has brought another picture of a scene. The first time it is to fetch the scene anew;
-    /// then its process is sent home. Whether that was the first time.
-    pub fn is_first_foreign(&mut self, key: &str, scene: &str, lease: Duration) -> bool {
+    /// Takes note that a worker has brought another picture of a scene, of a unit that it was given at a time. First it
+    /// is to fetch the scene anew; then its process is sent home. Whether it is to fetch it.
+    pub fn is_to_fetch_anew(
+        &mut self,
+        key: &str,
+        scene: &str,
+        given: Option<Instant>,
+        lease: Duration,
+    ) -> bool {
         let Some(known) = self.known.get_mut(key) else { return false };
-        if known.foreign.insert(scene.to_owned()) {
-            return true;
+        match known.foreign.get(scene) {
+            // It had this unit when it was told.
+            Some(told) if given.is_none_or(|given| given <= *told) => return true,
+            Some(_) => {}
+            None => {
+                known.foreign.insert(scene.to_owned(), Instant::now());
+                return true;
+            }
         }
         let short: String = scene.chars().take(12).collect();
         let why = format!(
