@@ -46,7 +46,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
         ledger.plan("a1", frames.clone(), 8).expect("planned once");
     }
     for _ in 0..2 {
-        ledger.add_units("a1", vec![unit(0, 0), unit(0, 1)]).expect("cut once");
+        ledger.add_units("a1", vec![(0, unit(0, 0)), (0, unit(0, 1))]).expect("cut once");
     }
     drop(ledger);
     let ledger = Ledger::open(folder.path()).expect("the same ledger");
@@ -138,7 +138,8 @@ fn a_clock_that_is_set_back_delays_no_call() {
 fn planned(ledger: &Ledger, id: &str) {
     assert_eq!(ledger.accept(new(id, None), 9).expect("accepted"), Accepted::New);
     ledger.plan(id, vec![Frame::new(0, ""), Frame::new(1, "")], 8).expect("planned");
-    ledger.add_units(id, vec![unit(0, 0), unit(0, 1), unit(1, 0)]).expect("cut");
+    let units = [unit(0, 0), unit(0, 1), unit(1, 0)].map(|unit| (0, unit));
+    ledger.add_units(id, units.to_vec()).expect("cut");
 }
 
 fn finish(ledger: &Ledger, id: &str, number: u32) {
@@ -189,7 +190,12 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
     // The job that goes on loses a picture, and the one that has ended is suspect.
     let anew = ledger.quarantine("liar", "w1", "it lies").expect("quarantined");
     assert_eq!(anew, [("b1".into(), 0)]);
-    assert_eq!(ledger.units_of("b1", 0).expect("units"), (1, 0, vec![]), "another round");
+    ledger.add_units("b1", vec![(0, unit(0, 5))]).expect("a ledger");
+    assert_eq!(
+        ledger.units_of("b1", 0).expect("units"),
+        (1, 0, vec![]),
+        "what was cut before is no unit any more"
+    );
     let late =
         FrameRow { number: 0, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
     assert!(!ledger.finish_frame("b1", late, Some(0)).expect("a ledger"), "a picture of the round before");

@@ -63,20 +63,32 @@ impl Ledger {
         })
     }
 
-    /// Writes down units that have been cut. One that is known stays as it is.
+    /// Writes down units that have been cut, each in a round of its frame. One that is known stays as it is; one of a
+    /// round that is over is none any more.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn add_units(&self, job: &str, units: Vec<UnitRow>) -> Result<(), LedgerError> {
+    pub fn add_units(&self, job: &str, units: Vec<(u32, UnitRow)>) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
             let mut insert = transaction.prepare_cached(
                 "INSERT OR IGNORE INTO unit (job, frame, pass, number, block, blocks, first, end) \
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                 SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8 \
+                 WHERE EXISTS (SELECT 1 FROM frame WHERE job = ?1 AND number = ?2 AND round = ?9)",
             )?;
-            for unit in &units {
+            for (round, unit) in &units {
                 let UnitRow { frame, pass, number, block, blocks, first, end, .. } = unit;
-                insert.execute(params![job, frame, *pass as i64, number, block, blocks, first, end])?;
+                insert.execute(params![
+                    job,
+                    frame,
+                    *pass as i64,
+                    number,
+                    block,
+                    blocks,
+                    first,
+                    end,
+                    round
+                ])?;
             }
             Ok(())
         })

@@ -182,9 +182,9 @@ impl Runner {
     /// Lets workers have units until enough are outstanding, in fair shares.
     fn offer_units(&self) -> Result<(), LedgerError> {
         let offers = self.choose_units();
-        let mut cut: HashMap<String, Vec<UnitRow>> = HashMap::new();
+        let mut cut: HashMap<String, Vec<(u32, UnitRow)>> = HashMap::new();
         for offer in offers.iter().filter(|offer| offer.is_new) {
-            cut.entry(offer.job.id.clone()).or_default().push(offer.row.clone());
+            cut.entry(offer.job.id.clone()).or_default().push((offer.id.round, offer.row.clone()));
         }
         for (job, rows) in cut {
             if let Err(error) = self.ledger.add_units(&job, rows) {
