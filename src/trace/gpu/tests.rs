@@ -255,7 +255,7 @@ fn a_scene_that_does_not_fit_is_refused_with_both_numbers() {
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Arc::new(Oracle::new(bvh.clone(), None));
     let mut gpu = open();
-    (gpu.info.max_binding_bytes, gpu.info.max_storage_bindings) = (6000, 5);
+    (gpu.info.max_binding_bytes, gpu.info.max_storage_bindings) = (6000, 6);
     let error = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle).map(|_| ()).expect_err("too large");
     let least = (bvh.len() / 2 * 48) as u64;
     assert!(
