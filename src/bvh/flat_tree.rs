@@ -21,7 +21,7 @@ pub struct FlatNode {
 }
 
 impl FlatNode {
-    /// Whether the node is a leaf: one primitive.
+    /// True if the node is a leaf: one primitive.
     pub fn is_leaf(&self) -> bool {
         self.count == 1
     }

@@ -62,7 +62,7 @@ pub fn warn_of(examination: Option<JoinHandle<Callers>>) {
     }
 }
 
-/// Whether a function is the standard library's. What it calls over lanes is a closure of the user's, whose name its
+/// True if a function is the standard library's. What it calls over lanes is a closure of the user's, whose name its
 /// own lacks.
 fn is_of_std(function: &str) -> bool {
     let path = function.trim_start_matches('<');

@@ -26,7 +26,7 @@ impl Events {
         self.incomplete.extend(events);
     }
 
-    /// Whether the result is what was asked for.
+    /// True if the result is what was asked for.
     pub fn is_complete(&self) -> bool {
         self.incomplete.is_empty()
     }

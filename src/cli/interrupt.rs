@@ -20,7 +20,7 @@ pub fn listen() {
     }
 }
 
-/// Whether a stop was requested.
+/// True if a stop was requested.
 pub fn requested() -> bool {
     REQUESTED.load(SeqCst)
 }

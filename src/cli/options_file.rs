@@ -31,7 +31,7 @@ impl Arguments {
     }
 }
 
-/// Whether clap's text of an option, `--spp <N>` say, is of the option of this name.
+/// True if clap's text of an option, `--spp <N>` say, is of the option of this name.
 fn is_named(text: &str, name: &str) -> bool {
     text.split([' ', ',']).any(|word| word.strip_prefix("--") == Some(name))
 }

@@ -33,7 +33,7 @@ pub fn tell(line: Arguments<'_>) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
-/// Whether standard output has lost its reader, so that what only prints can end.
+/// True if standard output has lost its reader, so that what only prints can end.
 #[cfg(any(feature = "bench", feature = "gpu"))]
 pub fn is_unread() -> bool {
     FAILURE.get().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)

@@ -66,7 +66,7 @@ pub struct RenderStats {
     /// Energy of the frame by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// Whether the result is all that was asked for; else the exit code is 1.
+    /// True if the result is all that was asked for; else the exit code is 1.
     pub complete: bool,
     /// Failures that were recovered from, and what the result lacks, one sentence each.
     pub events: Vec<String>,
@@ -129,7 +129,7 @@ pub struct FramesStats {
     /// Energy of all frames by meter, joules; absent if no meter can be read.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub joules: BTreeMap<String, f64>,
-    /// Whether the result is all that was asked for; else the exit code is 1.
+    /// True if the result is all that was asked for; else the exit code is 1.
     pub complete: bool,
     /// Failures that were recovered from, and what the result lacks, one sentence each.
     pub events: Vec<String>,

@@ -147,7 +147,7 @@ impl PreparedScene {
         Ok(prepared)
     }
 
-    /// Whether the tree of this scene is that of another.
+    /// True if the tree of this scene is that of another.
     fn keeps_tree(&self, other: &Scene) -> bool {
         // No triangle has a material that only one of the scenes has.
         let masks = self.scene.masked_materials().into_iter().zip(other.masked_materials());
@@ -289,7 +289,7 @@ impl PreparedScene {
         self.single_ray.closest_one(ray)
     }
 
-    /// Whether anything lies between a ray's ends, traced on this thread.
+    /// True if anything lies between a ray's ends, traced on this thread.
     pub fn occluded_one(&self, ray: &Ray) -> bool {
         self.single_ray.occluded_one(ray)
     }

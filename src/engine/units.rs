@@ -88,12 +88,12 @@ impl UnitChoice {
         Self { shading, ..self }
     }
 
-    /// Whether a GPU is to trace.
+    /// True if a GPU is to trace.
     fn traces_on_gpu(&self) -> bool {
         self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu)
     }
 
-    /// Whether a GPU is to do anything.
+    /// True if a GPU is to do anything.
     fn requests_gpu(&self) -> bool {
         self.traces_on_gpu() || self.shades().0
     }
@@ -120,7 +120,7 @@ pub struct Units {
     simd: SimdLevel,
     unit: Unit,
     pub(super) gpu: Gpus,
-    /// Whether a GPU traces; it may be there for shading alone.
+    /// True if a GPU traces; it may be there for shading alone.
     traces: bool,
     #[cfg(all(feature = "gpu", feature = "wgsl"))]
     pub(super) shading: Shading,
@@ -186,7 +186,7 @@ pub enum UnitsError {
     NothingToInject,
 }
 
-/// Whether a panic of wgpu cannot be caught.
+/// True if a panic of wgpu cannot be caught.
 const ABORTS: bool = cfg!(all(feature = "gpu", panic = "abort"));
 
 /// The warning below has been given.

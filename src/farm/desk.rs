@@ -56,7 +56,7 @@ pub struct Card {
     pub slots: u32,
     /// What traces there, in words.
     pub units: String,
-    /// Whether it is asked for tiles of live views.
+    /// True if it is asked for tiles of live views.
     pub is_live: bool,
 }
 
@@ -123,7 +123,7 @@ pub struct Held {
 pub struct Report {
     /// The units that it has and that do not hang.
     pub units: Vec<Held>,
-    /// Whether it takes no more units.
+    /// True if it takes no more units.
     pub is_draining: bool,
     /// Scenes that it found in its cache, and scenes that it fetched.
     pub cache: (u64, u64),
@@ -138,7 +138,7 @@ pub struct Orders {
     pub stop: Vec<UnitId>,
     /// Why it may take no more units.
     pub refused: Option<String>,
-    /// Whether the coordinator does not know it: it is to join again.
+    /// True if the coordinator does not know it: it is to join again.
     pub is_unknown: bool,
 }
 
@@ -264,6 +264,6 @@ pub trait Desk: Send + Sync {
     /// Answers the worker of a key. It may be called by many threads at the same time.
     fn answer(&self, key: &str, ask: Ask) -> Answer;
 
-    /// Whether parts of a result of so many bytes may be collected for the worker of a key.
+    /// True if parts of a result of so many bytes may be collected for the worker of a key.
     fn expects(&self, key: &str, finished: &FinishedUnit, bytes: u64) -> bool;
 }

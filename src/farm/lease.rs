@@ -28,7 +28,7 @@ pub fn digest(id: &UnitId, blocks: &[u32], samples: &Range<u32>, sums: &[u8]) ->
     hex(&hash.finalize())
 }
 
-/// Whether a text is a name: of a worker, a machine, a job, a key.
+/// True if a text is a name: of a worker, a machine, a job, a key.
 pub fn is_name(text: &str) -> bool {
     !text.is_empty() && text.len() <= NAME_BYTES && !text.chars().any(char::is_control)
 }

@@ -45,7 +45,7 @@ pub struct TileAsk {
     pub transform: String,
     /// Exposure in stops.
     pub stops: f32,
-    /// Whether [`Tile::light`] is wanted.
+    /// True if [`Tile::light`] is wanted.
     pub is_metered: bool,
     /// Milliseconds after which the tile comes too late.
     pub budget_ms: u32,

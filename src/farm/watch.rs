@@ -45,7 +45,7 @@ impl UnitWatch {
         f64::from_bits(self.share.load(Relaxed))
     }
 
-    /// Whether it is to stop.
+    /// True if it is to stop.
     pub fn is_stopped_now(&self) -> bool {
         self.is_stopped.load(Relaxed)
     }

@@ -61,7 +61,7 @@ pub struct WorkerOptions {
     pub slots: u32,
     /// How long it waits for a unit before it leaves; `None` for ever.
     pub idle: Option<Duration>,
-    /// Whether it renders tiles of live views, too.
+    /// True if it renders tiles of live views, too.
     pub is_live: bool,
     /// What it does wrong, for tests.
     pub mischief: Option<Mischief>,

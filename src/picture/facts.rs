@@ -7,7 +7,7 @@ use crate::scene::{Camera, Distortion};
 use std::collections::BTreeMap;
 
 impl Rendering {
-    /// What a file says of a picture, by the names in `docs/guide/picture-files.md`.
+    /// Facts about a picture that its file holds, by the names in `docs/guide/picture-files.md`.
     pub fn facts(&self, image: &Image, camera: &Camera, mean_spp: f64) -> BTreeMap<String, String> {
         let (spec, settings) = (self.spec(), self.spec().settings());
         let look = spec.look.look();

@@ -19,9 +19,9 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Unfinished frames are saved at this interval.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
 
-/// What a unit under way tells and is told.
+/// A view of a unit under way: it tells how far it is, and is told to stop.
 pub trait Watch: Sync {
-    /// How urgent the unit is.
+    /// Urgency of the unit.
     fn priority(&self) -> Priority;
 
     /// True if the unit is to stop.

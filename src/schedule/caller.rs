@@ -16,7 +16,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 impl Service {
-    /// Whether the calling thread is to trace a query. A background query must not take a processor from others; a
+    /// True if the calling thread is to trace a query. A background query must not take a processor from others; a
     /// query for the device alone is the device's.
     pub(super) fn is_for_caller(&self, tracers: &Tracers, rays: usize, options: &JobOptions) -> bool {
         rays <= options.caller_rays

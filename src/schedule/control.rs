@@ -87,7 +87,7 @@ impl JobControl {
         }
     }
 
-    /// Whether the job has ended and its callbacks have been called.
+    /// True if the job has ended and its callbacks have been called.
     pub fn is_finished(&self) -> bool {
         self.result.is_delivered()
     }

@@ -25,9 +25,9 @@ pub(super) trait Job: Send {
     fn stop(&mut self);
     /// Starts no more tasks; the job's outcome is this error, or an earlier one.
     fn abandon(&mut self, why: JobError);
-    /// Whether the last tile has been spawned.
+    /// True if the last tile has been spawned.
     fn all_spawned(&self) -> bool;
-    /// Whether the job has no work left and no task under way.
+    /// True if the job has no work left and no task under way.
     fn is_over(&self) -> bool;
     fn progress(&self) -> Progress;
     /// The result of a job that is over. [`super::state::State`] adds wall time, idle time and the tail.
@@ -49,7 +49,7 @@ struct TaskAccount {
     rays: u64,
     /// When a dispatched stream became full, if it had to wait.
     full_ns: Option<u64>,
-    /// Whether the stream to shade is staged.
+    /// True if the stream to shade is staged.
     is_staged: bool,
 }
 
@@ -164,7 +164,7 @@ impl<R: Renderer> TypedJob<R> {
         paths(stream.rays(), stream.shadow_rays(), self.limits().shadow_rays_per_path)
     }
 
-    /// Whether a device traces for this job.
+    /// True if a device traces for this job.
     fn has_device(&self) -> bool {
         self.unit != Unit::Cpu
     }

@@ -38,7 +38,7 @@ pub struct Limits {
     pub shadow_rays_per_path: usize,
     /// The most that a stream holds. A stream below the threshold has room for one more tile or batch.
     pub stream: Capacity,
-    /// Whether the threshold becomes smaller at the tail.
+    /// True if the threshold becomes smaller at the tail.
     pub shrink_streams: bool,
     /// The most streams that the job has at any time. As many as this always suffice (README, "Why there is always an
     /// output stream").
@@ -56,7 +56,7 @@ pub(super) struct Demand {
     pub host_threads: usize,
     /// 0 for a job without a device.
     pub dispatch_threads: usize,
-    /// Whether the device traces. Streams that it only stages have the sizes that suit host threads.
+    /// True if the device traces. Streams that it only stages have the sizes that suit host threads.
     pub traces_on_device: bool,
     /// The device's measured sizes.
     pub device: Option<Sizing>,

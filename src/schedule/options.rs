@@ -131,12 +131,12 @@ pub struct JobOptions {
     /// The most rays of a query that the calling thread traces itself, before [`super::Service::closest`] returns:
     /// faster than waking another thread. 0 leaves all rays to the service's threads.
     pub caller_rays: usize,
-    /// Whether streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
+    /// True if streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
     /// only to measure the gain.
     pub shrink_streams: bool,
     /// The order of the rules. Default: RA's for the unit, [`Policy::of`].
     pub policy: Option<Policy>,
-    /// Whether the report gets a record of every task.
+    /// True if the report gets a record of every task.
     pub timeline: bool,
 }
 

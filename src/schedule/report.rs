@@ -201,7 +201,7 @@ pub struct Lengths {
 pub struct JobReport {
     /// The job's name ([`JobOptions::name`]).
     pub name: Option<Arc<str>>,
-    /// Whether the job was stopped before all its tiles were spawned.
+    /// True if the job was stopped before all its tiles were spawned.
     pub stopped: bool,
     /// Tiles in all.
     pub tiles: u64,

@@ -28,7 +28,7 @@ pub(super) struct Submission {
     pub work: Arc<dyn Work>,
     pub receiver: Arc<dyn Receiver>,
     pub priority: Priority,
-    /// Whether the job is a query, which does not count for the most jobs.
+    /// True if the job is a query, which does not count for the most jobs.
     pub is_query: bool,
 }
 
@@ -69,7 +69,7 @@ pub(super) enum Next {
 pub(super) struct Effects {
     /// Threads to wake: at most one of each kind.
     pub wake: [Option<usize>; 2],
-    /// Whether to wake all threads.
+    /// True if to wake all threads.
     pub wake_all: bool,
     /// Jobs that have ended.
     pub ended: Vec<Ended>,
@@ -299,7 +299,7 @@ impl State {
         self.sleepers[kind].push(thread);
     }
 
-    /// Whether a suspended thread has not been woken yet.
+    /// True if a suspended thread has not been woken yet.
     pub fn is_asleep(&self, thread: usize) -> bool {
         self.threads[thread].asleep_ns.is_some()
     }

@@ -57,7 +57,7 @@ impl Auth {
         }
     }
 
-    /// Whether this is the token.
+    /// True if this is the token.
     pub fn is_token(&self, token: &str) -> bool {
         let hash: [u8; 32] = Sha256::digest(token.trim().as_bytes()).into();
         self.hash.ct_eq(&hash).into()
@@ -69,7 +69,7 @@ impl Auth {
         format!("{end}.{}", hex(&self.sign(end)))
     }
 
-    /// Whether a cookie's value was given by [`Auth::session`] and has not expired.
+    /// True if a cookie's value was given by [`Auth::session`] and has not expired.
     pub fn is_session(&self, cookie: &str) -> bool {
         let Some((end, signature)) = cookie.split_once('.') else { return false };
         let (Ok(end), Some(signature)) = (end.parse::<u64>(), from_hex(signature)) else { return false };
@@ -131,7 +131,7 @@ impl Secret {
         hex(&hmac(&self.0, format!("lease of {unit} by {key}").as_bytes())[..TOKEN_BYTES])
     }
 
-    /// Whether a text is that token.
+    /// True if a text is that token.
     pub(super) fn is_token(&self, unit: &str, key: &str, token: &str) -> bool {
         self.token(unit, key).as_bytes().ct_eq(token.as_bytes()).into()
     }

@@ -47,11 +47,11 @@ pub struct Options {
     pub data: PathBuf,
     /// Encryption.
     pub tls: Option<Tls>,
-    /// Whether an address of other machines is allowed without encryption.
+    /// True if an address of other machines is allowed without encryption.
     pub insecure: bool,
     /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
     pub ca: Option<PathBuf>,
-    /// Whether programs of this machine may use Drake's route without a token.
+    /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
     pub names: Vec<String>,

@@ -88,7 +88,7 @@ impl State {
         self.0.is_secure
     }
 
-    /// Whether programs of this machine may use Drake's route without a token.
+    /// True if programs of this machine may use Drake's route without a token.
     pub(super) fn is_open_to_drake(&self) -> bool {
         self.0.is_open_to_drake
     }

@@ -246,7 +246,7 @@ fn scene_files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether a text is a SHA-256 in lower-case hexadecimal digits. No other text becomes a name of a folder.
+/// True if a text is a SHA-256 in lower-case hexadecimal digits. No other text becomes a name of a folder.
 pub fn is_sha256(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }

@@ -22,13 +22,13 @@ const ANSWERED_BLOCK: usize = 256;
 
 /// Where a stage finds the hits of a batch.
 pub trait HitSource {
-    /// Whether it tells what BSDFs will be asked.
+    /// True if it tells what BSDFs will be asked.
     const ASKS: bool = false;
 
     /// Unit directions of rays, their hits, and the widths of their cones there.
     fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>);
 
-    /// Whether the shader will ask the BSDF at the hit of a ray.
+    /// True if the shader will ask the BSDF at the hit of a ray.
     #[inline(always)]
     fn asks(&self, _ray: u32) -> bool {
         Self::ASKS
@@ -121,7 +121,7 @@ pub struct Stage<'s> {
     /// Points of the present block, counted from the start of the run.
     begin: usize,
     end: usize,
-    /// Whether they are computed.
+    /// True if they are computed.
     is_computed: bool,
 }
 

@@ -351,7 +351,7 @@ impl<P, S> RayStream<Traced, P, S> {
         if self.state.shadows_taken { 0 } else { self.shadow_rays() }
     }
 
-    /// Whether words have been computed for each ray.
+    /// True if words have been computed for each ray.
     pub fn is_staged(&self) -> bool {
         !self.staged.is_empty()
     }

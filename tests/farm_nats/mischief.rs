@@ -7,14 +7,18 @@ use crate::{folder, shipped, state_of, still};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 /// A job of many units.
 fn many() -> Value {
     json!({ "size": "96x64", "spp": 64, "seed": 3 })
 }
 
+/// What a farm lives in: it ends with it.
+type Home = (Vec<Worker>, Farm, TempDir);
+
 /// A farm of honest workers and one that is not; how long the job takes, and its hash.
-fn with_one(what: Option<&str>, job: &Value) -> (Duration, String, Service, Vec<Worker>, Farm) {
+fn with_one(what: Option<&str>, job: &Value) -> (Duration, String, Service, Home) {
     let (farm, data) = (Farm::new(4), folder());
     let service = farm.comparing(data.path(), "0");
     let mut workers: Vec<Worker> =
@@ -29,7 +33,7 @@ fn with_one(what: Option<&str>, job: &Value) -> (Duration, String, Service, Vec<
     let began = Instant::now();
     let id = service.submit(&scene, job);
     let hash = service.hashes(&id).remove(0);
-    (began.elapsed(), hash, service, workers, farm)
+    (began.elapsed(), hash, service, (workers, farm, data))
 }
 
 #[test]
@@ -144,7 +148,7 @@ fn state_of_any(service: &Service, name: &str) -> Value {
 #[test]
 fn a_worker_that_holds_units_and_returns_nothing_delays_the_others_little() {
     let (without, hash, ..) = with_one(None, &many());
-    let (with, same, service, ..) = with_one(Some("hoard"), &many());
+    let (with, same, service, _home) = with_one(Some("hoard"), &many());
     assert_eq!(hash, same);
     let share = with.as_secs_f64() / without.as_secs_f64();
     println!(
@@ -164,7 +168,7 @@ fn a_worker_that_holds_units_and_returns_nothing_delays_the_others_little() {
 
 #[test]
 fn a_worker_that_says_of_all_units_that_they_fail_fails_no_job() {
-    let (_, hash, service, ..) = with_one(Some("spoil"), &many());
+    let (_, hash, service, _home) = with_one(Some("spoil"), &many());
     let (_, right, ..) = with_one(None, &many());
     assert_eq!(hash, right);
     let resting = state_of(&service, "worker-1", "resting");
@@ -173,7 +177,7 @@ fn a_worker_that_says_of_all_units_that_they_fail_fails_no_job() {
 
 #[test]
 fn a_worker_that_gives_all_units_back_gets_no_more() {
-    let (_, _, service, ..) = with_one(Some("return"), &many());
+    let (_, _, service, _home) = with_one(Some("return"), &many());
     let resting = state_of(&service, "worker-1", "resting");
     assert!(resting["reason"].as_str().is_some_and(|why| why.contains("gives units back")), "{resting}");
 }

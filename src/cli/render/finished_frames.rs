@@ -17,7 +17,7 @@ use std::path::PathBuf;
 pub struct FinishedFrames {
     path: PathBuf,
     content: Content,
-    /// Whether the file has another content.
+    /// True if the file has another content.
     has_changed: bool,
 }
 

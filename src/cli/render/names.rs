@@ -64,7 +64,7 @@ impl Names {
         Ok(names)
     }
 
-    /// Whether a file name has a place for a number or a name.
+    /// True if a file name has a place for a number or a name.
     pub fn is_pattern(path: &Path) -> bool {
         Self::new(path)
             .map_or(path.to_str().is_some_and(|text| text.contains('%')), |names| !names.is_single())
@@ -96,7 +96,7 @@ impl Names {
     }
 }
 
-/// Whether file names of all systems may have a character.
+/// True if file names of all systems may have a character.
 fn is_plain(c: char) -> bool {
     !(c.is_control() || "/\\:*?\"<>|".contains(c))
 }

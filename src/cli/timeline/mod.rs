@@ -39,7 +39,7 @@ pub struct Timeline {
     pub threads: Vec<String>,
     /// Tasks in the order in which they ended.
     pub tasks: Vec<TaskRecord>,
-    /// Whether all tasks belong to one job, whose list lengths can then be shown.
+    /// True if all tasks belong to one job, whose list lengths can then be shown.
     pub is_one_job: bool,
     /// Clocks and power.
     pub curves: Vec<Curve>,

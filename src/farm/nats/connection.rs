@@ -30,7 +30,7 @@ pub struct NatsOptions {
     pub nkey: Option<PathBuf>,
     /// The certificate of the authority that has signed the server's, as a PEM file.
     pub ca: Option<PathBuf>,
-    /// Whether a server of another machine is allowed without encryption and keys.
+    /// True if a server of another machine is allowed without encryption and keys.
     pub insecure: bool,
     /// What the names of subjects begin with: one for each coordinator of a server.
     pub prefix: String,
@@ -168,7 +168,7 @@ impl NatsOptions {
     }
 }
 
-/// Whether an error is one of TLS. rustls's come as those of a connection with invalid data.
+/// True if an error is one of TLS. rustls's come as those of a connection with invalid data.
 fn is_refused_certificate(error: &(dyn std::error::Error + 'static)) -> bool {
     std::iter::successors(Some(error), |error| error.source())
         .filter_map(|error| error.downcast_ref::<std::io::Error>())
@@ -193,7 +193,7 @@ fn tell(event: &Event, told: &Mutex<String>) {
     }
 }
 
-/// Whether a server refuses what its settings allow in a farm of this version.
+/// True if a server refuses what its settings allow in a farm of this version.
 fn is_of_old_settings(error: &str) -> bool {
     let error = error.to_lowercase();
     error.contains("permissions violation") && (error.contains(".ask.") || error.contains(".bell"))
@@ -209,7 +209,7 @@ pub(super) fn warn_of_holes(version: &str) {
     }
 }
 
-/// Whether a version is none of those with known holes. Previews of a version count as older.
+/// True if a version is none of those with known holes. Previews of a version count as older.
 fn is_safe(version: &str) -> bool {
     let (numbers, preview) = version.trim_start_matches('v').split_once('-').unwrap_or((version, ""));
     let numbers: Option<Vec<u32>> =

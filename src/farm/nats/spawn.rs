@@ -199,7 +199,7 @@ fn spawn(folder: &Path) -> Result<Child, NatsError> {
     command.spawn().map_err(failed)
 }
 
-/// Whether a NATS server greets at a port of this machine.
+/// True if a NATS server greets at a port of this machine.
 fn answers(port: u16) -> bool {
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     let Ok(mut stream) = TcpStream::connect_timeout(&address, Duration::from_millis(200)) else {

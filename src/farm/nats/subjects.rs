@@ -19,7 +19,7 @@ pub(super) fn inbox(public_key: &str) -> String {
     format!("_INBOX.{public_key}")
 }
 
-/// Whether a subject is an inbox. What comes through another account has one of the server's.
+/// True if a subject is an inbox. What comes through another account has one of the server's.
 pub(super) fn is_inbox(subject: &str) -> bool {
     subject.starts_with("_INBOX.") || subject.starts_with("_R_.")
 }

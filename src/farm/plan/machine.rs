@@ -69,7 +69,7 @@ impl Simulator<'_> {
         Slot { machine, life: self.machines[machine as usize].life }
     }
 
-    /// Whether a machine still has the life of a slot.
+    /// True if a machine still has the life of a slot.
     pub fn is_there(&self, slot: Slot) -> bool {
         let machine = &self.machines[slot.machine as usize];
         machine.is_there && machine.life == slot.life

@@ -99,7 +99,7 @@ pub(super) struct Run {
     pub given: u64,
     pub speed: Speed,
     pub is_planned: bool,
-    /// Whether it is being planned.
+    /// True if it is being planned.
     pub is_planning: bool,
     pub next_frame: u32,
     pub opening: Vec<u32>,
@@ -363,7 +363,7 @@ impl<'a> Simulator<'a> {
         }
     }
 
-    /// Whether units of a job are leased before those of others.
+    /// True if units of a job are leased before those of others.
     pub fn is_urgent(&self, job: u32) -> bool {
         self.jobs[job as usize].job.priority == Priority::Interactive
     }

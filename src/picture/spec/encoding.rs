@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use std::path::Path;
 
 spec_group! {
-    /// How pictures are encoded.
+    /// Encoding of pictures.
     pub struct EncodingSpec {
         /// Bits of a channel in a .png.
         one "png-bits" png_bits: form::Bits = PngBits::Eight, "8|16";

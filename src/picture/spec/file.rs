@@ -28,7 +28,7 @@ pub struct FileEntry {
     pub name: String,
     /// Its value.
     pub value: Value,
-    /// Where the key stands.
+    /// Place of the key.
     pub place: Place,
 }
 

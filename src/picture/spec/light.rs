@@ -50,7 +50,7 @@ impl LightSpec {
     }
 }
 
-/// Whether a text is meant as a constant radiance, right or wrong, not as a file.
+/// True if a text is meant as a constant radiance, right or wrong, not as a file.
 fn is_list_of_numbers(text: &str) -> bool {
     text.split(',').all(|part| part.trim().parse::<f32>().is_ok())
 }

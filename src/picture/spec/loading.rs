@@ -6,7 +6,7 @@ use crate::memory::MemoryBudget;
 use crate::scene::load::LoadOptions;
 
 spec_group! {
-    /// How a scene is read.
+    /// Reading of a scene.
     pub struct LoadingSpec {
         /// Show a magenta checker in place of textures that are missing or broken.
         flag "allow-missing" allow_missing;

@@ -5,7 +5,7 @@ use super::option::spec_group;
 use crate::film::{Exposure, Look, View};
 
 spec_group! {
-    /// How a .png shows the picture; other formats store radiance.
+    /// The look of a .png; other formats store radiance.
     pub struct LookSpec {
         /// View transform: agx, agx-punchy, pbr-neutral, aces, filmic, standard (cut at 1) or raw (cut at 1, not sRGB).
         one "view" view: form::ViewName = View::default(), "NAME";

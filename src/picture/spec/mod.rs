@@ -79,11 +79,11 @@ spec_group! {
         flag "no-russian-roulette" no_russian_roulette;
     }
     groups {
-        /// When the picture is finished.
+        /// The end of the picture.
         stop: StopSpec,
-        /// Which part of it is rendered.
+        /// The part of it that is rendered.
         part: PartSpec,
-        /// How the light of a pixel is sampled.
+        /// Sampling of a pixel's light.
         sampling: SamplingSpec,
         /// The camera.
         camera: CameraSpec,
@@ -95,16 +95,16 @@ spec_group! {
         light: LightSpec,
         /// Layers besides the picture.
         layers: LayerSpec,
-        /// How a .png shows the picture.
+        /// The look of a .png.
         look: LookSpec,
-        /// How pictures are encoded.
+        /// The encoding of pictures.
         encoding: EncodingSpec,
-        /// How the scene is read.
+        /// Reading of the scene.
         loading: LoadingSpec,
     }
 }
 
-/// Why a render spec is refused.
+/// A reason to refuse a render spec.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct SpecError(String);

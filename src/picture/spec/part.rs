@@ -6,7 +6,7 @@ use crate::film::Region;
 use crate::render::{Part, Settings};
 
 spec_group! {
-    /// Which part of a picture is rendered.
+    /// The part of a picture that is rendered.
     pub struct PartSpec {
         /// Render only these pixels of the whole picture: columns from X, rows from Y, counted from the upper left
         /// corner. They are the same as in the whole picture.

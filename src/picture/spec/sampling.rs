@@ -7,7 +7,7 @@ use crate::render::PixelFilter;
 use anyhow::{Result, bail};
 
 spec_group! {
-    /// How the light of a pixel is sampled.
+    /// Sampling of a pixel's light.
     pub struct SamplingSpec {
         /// Pixel filter: box, tent, gaussian or blackman-harris, 1, 2, 3 and 3 pixels wide if no width follows.
         one "filter" filter: form::Own<PixelFilter> = PixelFilter::default(), "NAME[:WIDTH]";

@@ -10,7 +10,7 @@ const DEFAULT_SPP: u32 = 64;
 const OPEN_ENDED_SPP: u32 = 1 << 16;
 
 spec_group! {
-    /// When a picture is finished.
+    /// The end of a picture.
     pub struct StopSpec {
         /// Samples per pixel; with --seconds or --noise the maximum [default: 64; 65536 with --seconds or --noise].
         maybe "spp" spp: form::Samples, "N";

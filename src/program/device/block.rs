@@ -22,7 +22,7 @@ pub(crate) trait ShadingDevice: DeviceSurface {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShadingReport {
-    /// Whether the shader is a BSDF, not a pattern.
+    /// True if the shader is a BSDF, not a pattern.
     pub is_bsdf: bool,
     /// Blocks of hits that have been shaded and whose results the device could have computed.
     pub eligible: u64,

@@ -106,7 +106,7 @@ pub struct GpuProgram {
     program: Program,
     kernel: Kernel,
     pipelines: Pipelines,
-    /// Whether points near subnormal numbers are left to the host.
+    /// True if points near subnormal numbers are left to the host.
     flushes: bool,
     refused: OnceLock<GpuProgramError>,
     points: AtomicU64,
@@ -178,7 +178,7 @@ impl GpuProgram {
         })
     }
 
-    /// Whether points near subnormal numbers are left to the host, because the device flushes those.
+    /// True if points near subnormal numbers are left to the host, because the device flushes those.
     pub fn flushes(&self) -> bool {
         self.flushes
     }

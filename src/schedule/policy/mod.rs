@@ -95,11 +95,11 @@ pub struct View {
     pub unit: Unit,
     /// The job's policy.
     pub policy: Policy,
-    /// Whether the job has been cancelled or has failed: it gets no more tasks.
+    /// True if the job has been cancelled or has failed: it gets no more tasks.
     pub ended: bool,
     /// Tiles not yet spawned.
     pub tiles_left: u64,
-    /// Whether the paths of one more tile fit into N.
+    /// True if the paths of one more tile fit into N.
     pub tile_fits: bool,
     /// Streams in NEEDMORE.
     pub need_more: usize,
@@ -111,7 +111,7 @@ pub struct View {
     pub trace_rays: usize,
     /// Rays in TRACE and in the job slot, and those of tiles not yet spawned.
     pub waiting_rays: u64,
-    /// Whether the stream in the job slot has rays to hand out.
+    /// True if the stream in the job slot has rays to hand out.
     pub slot: bool,
     /// Streams in SHADE.
     pub shade: usize,
@@ -180,7 +180,7 @@ pub struct Choice {
 }
 
 impl View {
-    /// Whether the rule's condition holds. The condition of [`Rule::Flush`] includes that SHADE and the job slot are
+    /// True if the rule's condition holds. The condition of [`Rule::Flush`] includes that SHADE and the job slot are
     /// empty; the README's bound on small streams rests on this.
     pub(super) fn allows(&self, rule: Rule, load: Load) -> bool {
         let policy = self.policy.row();

@@ -25,7 +25,7 @@ impl std::ops::AddAssign for ShadingRates {
 }
 
 impl View {
-    /// Whether host threads may shade a stream of SHADE: one that is staged or begun, or any. Whenever they may not,
+    /// True if host threads may shade a stream of SHADE: one that is staged or begun, or any. Whenever they may not,
     /// the device may stage one: so every stream has a thread that may take it.
     pub(super) fn hosts_shade(&self, load: Load) -> bool {
         let is_ready = self.shade > self.unstaged;
@@ -41,7 +41,7 @@ impl View {
                 }
     }
 
-    /// Whether a dispatch thread may have a stream of SHADE staged.
+    /// True if a dispatch thread may have a stream of SHADE staged.
     pub(super) fn device_stages(&self, load: Load) -> bool {
         self.unstaged > 0
             && match self.shading {
@@ -51,7 +51,7 @@ impl View {
             }
     }
 
-    /// Whether staging saves the processor more time than it costs, and the device is done before host threads have
+    /// True if staging saves the processor more time than it costs, and the device is done before host threads have
     /// nothing else to do. Assumed until all of it has been measured.
     fn staging_pays(&self, load: Load) -> bool {
         let ShadingRates { alone, staging, preparing, staged } = self.rates;

@@ -115,7 +115,7 @@ impl Policy {
 }
 
 impl Load {
-    /// Whether one more stream may go to the device: one dispatch thread is served, and at most [`MOONRAY_WAITING`]
+    /// True if one more stream may go to the device: one dispatch thread is served, and at most [`MOONRAY_WAITING`]
     /// wait behind it.
     fn moonray_queue_has_room(self) -> bool {
         let busy = self.dispatchers - self.idle_dispatchers;
@@ -124,7 +124,7 @@ impl Load {
 }
 
 impl View {
-    /// Whether the device would have traced a stream before host threads had traced all rays that wait. Assumed
+    /// True if the device would have traced a stream before host threads had traced all rays that wait. Assumed
     /// until both units have traced.
     fn device_is_back_in_time(&self, load: Load) -> bool {
         let device_ns = self.gpu.ns_for(self.stream_rays());
@@ -132,7 +132,7 @@ impl View {
         device_ns.zip(hosts_ns).is_none_or(|(device, hosts)| device <= hosts)
     }
 
-    /// Whether host threads would have traced a stream before the device came to it, while all dispatch threads are
+    /// True if host threads would have traced a stream before the device came to it, while all dispatch threads are
     /// busy. Assumed until both units have traced.
     fn hosts_are_sooner(&self, load: Load) -> bool {
         let dispatchers = load.dispatchers.max(1) as u64;

@@ -45,7 +45,7 @@ fn dispatch_rule(view: View, load: Load) -> Option<Rule> {
     choose_dispatch(&[turn(view, 0)], load, Sharing::Fair).map(|choice| choice.rule)
 }
 
-/// Whether a dispatch thread has a task.
+/// True if a dispatch thread has a task.
 fn dispatched(view: View, load: Load) -> bool {
     dispatch_rule(view, load).is_some()
 }

@@ -73,7 +73,7 @@ struct Case {
     panics: bool,
     cancelled: bool,
     stopped: bool,
-    /// Whether a device stages every stream that has rays.
+    /// True if a device stages every stream that has rays.
     all_staged: bool,
 }
 
@@ -102,7 +102,7 @@ struct Simulation {
     scratch: ChunkScratch,
     /// Registered interactive clients.
     clients: usize,
-    /// Whether host threads are workers of a pool, which do other things between tasks.
+    /// True if host threads are workers of a pool, which do other things between tasks.
     in_pool: bool,
     tasks: usize,
 }

@@ -106,7 +106,7 @@ fn accept(
     }
 }
 
-/// Whether a text is an address that can be called.
+/// True if a text is an address that can be called.
 fn is_web_address(url: &str) -> bool {
     let is_web = |uri: &Uri| matches!(uri.scheme_str(), Some("http" | "https"));
     url.parse().is_ok_and(|uri: Uri| is_web(&uri) && uri.host().is_some_and(|host| !host.is_empty()))

@@ -98,7 +98,7 @@ impl JobRequest {
         serde_json::from_str(&job.request).ok()
     }
 
-    /// Whether the pictures of a demand are a function of the request.
+    /// True if the pictures of a demand are a function of the request.
     pub fn is_function(kind: Kind) -> bool {
         kind != Kind::Seconds
     }

@@ -43,7 +43,7 @@ impl JobState {
         }
     }
 
-    /// Whether the job has ended.
+    /// True if the job has ended.
     pub fn has_ended(self) -> bool {
         matches!(self, Self::Done | Self::Failed | Self::Cancelled)
     }
@@ -88,7 +88,7 @@ pub struct Job {
     pub ended_ms: Option<i64>,
     /// Why it failed.
     pub error: Option<String>,
-    /// Whether its frames and units are known.
+    /// True if its frames and units are known.
     pub is_planned: bool,
     /// Time that its pictures by seconds have taken.
     pub spent_ms: i64,
@@ -143,7 +143,7 @@ pub struct NewJob {
     pub priority: Priority,
     /// The client's name of the request, if it gives one.
     pub idempotency_key: Option<String>,
-    /// Whether someone is to be called when it ends.
+    /// True if someone is to be called when it ends.
     pub has_webhook: bool,
 }
 

@@ -112,7 +112,7 @@ fn pixels(frame: &Frame) -> image::RgbImage {
     image::load_from_memory(&frame.bytes).expect("a JPEG").into_rgb8()
 }
 
-/// Whether a JPEG has restart markers: several machines have made it.
+/// True if a JPEG has restart markers: several machines have made it.
 fn is_shared(frame: &Frame) -> bool {
     frame.bytes.windows(2).any(|pair| pair == [0xff, 0xdd])
 }

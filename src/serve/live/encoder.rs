@@ -86,7 +86,7 @@ struct Shared {
 #[derive(Debug)]
 struct Work {
     picture: Option<Arc<Shown>>,
-    /// Whether the picture or its look has changed since it was encoded.
+    /// True if the picture or its look has changed since it was encoded.
     is_new: bool,
     look: Look,
     files: Vec<PictureFile>,

@@ -43,7 +43,7 @@ pub struct MaterialFacts {
     pub metallic: Option<f32>,
     /// Emitted radiance.
     pub emission: Vec3,
-    /// Whether textures multiply some of these values.
+    /// True if textures multiply some of these values.
     pub textured: bool,
 }
 

@@ -89,7 +89,7 @@ pub(super) struct Renderer {
     /// Number of changes so far, and how many of them the newest moving frame shows.
     version: u64,
     begun_version: u64,
-    /// Whether the full picture of this version has begun.
+    /// True if the full picture of this version has begun.
     is_full: bool,
     changed_at: Instant,
     resolution: Resolution,

@@ -41,7 +41,7 @@ const TOLERANCE: f64 = 1.2;
 pub struct Resolution {
     /// The share of frames that follow each other.
     flowing: f64,
-    /// Whether the next frame is the first after a rest.
+    /// True if the next frame is the first after a rest.
     is_first: bool,
 }
 

@@ -21,7 +21,7 @@ pub(super) enum Rows {
 #[derive(Debug)]
 struct Slot {
     rows: Range<u32>,
-    /// Whether the rows will not come.
+    /// True if the rows will not come.
     is_lost: bool,
     content: Option<Rows>,
 }
@@ -40,7 +40,7 @@ pub(super) struct SharedFrame {
     slots: Vec<Slot>,
     /// The rows of the coarse frame under way.
     filling: Option<Range<u32>>,
-    /// Whether the exposure of the next frame follows from this one.
+    /// True if the exposure of the next frame follows from this one.
     is_metered: bool,
     light: Light,
 }
@@ -85,7 +85,7 @@ impl SharedFrame {
         self.deadline
     }
 
-    /// Whether it waits for others alone.
+    /// True if it waits for others alone.
     pub fn waits(&self) -> bool {
         self.own.is_some() && self.filling.is_none()
     }
@@ -126,12 +126,12 @@ impl SharedFrame {
         self.slots.iter().filter(|slot| slot.content.is_none()).map(|slot| slot.rows.clone()).collect()
     }
 
-    /// Whether all rows are there.
+    /// True if all rows are there.
     pub fn is_complete(&self) -> bool {
         self.own.is_some() && self.slots.iter().all(|slot| slot.content.is_some())
     }
 
-    /// Whether what is missing is to be rendered here now.
+    /// True if what is missing is to be rendered here now.
     pub fn is_due(&self) -> bool {
         let is_late = Instant::now() >= self.deadline;
         let is_decided = |slot: &Slot| slot.content.is_some() || slot.is_lost || is_late;

@@ -68,7 +68,7 @@ impl<'a> Parts<'a> {
         u16::from_be_bytes([self.header[self.height_at], self.header[self.height_at + 1]]).into()
     }
 
-    /// Whether the headers are the same but for the height.
+    /// True if the headers are the same but for the height.
     fn is_like(&self, other: &Self) -> bool {
         let rest = |parts: &Self| {
             let (before, after) = parts.header.split_at(parts.height_at);
@@ -127,7 +127,7 @@ pub fn join<'a>(tiles: impl IntoIterator<Item = &'a [u8]>) -> Option<Vec<u8>> {
     Some(jpeg)
 }
 
-/// Whether bytes are a JPEG of [`encode`] with this size that can be put beside one of the same width.
+/// True if bytes are a JPEG of [`encode`] with this size that can be put beside one of the same width.
 pub fn is_tile(jpeg: &[u8], beside: &[u8], height: u32) -> bool {
     match (Parts::of(jpeg), Parts::of(beside)) {
         (Some(tile), Some(other)) => {

@@ -96,7 +96,7 @@ impl Runner {
         Orders { stop, refused, is_unknown }
     }
 
-    /// Whether a unit that a worker has is still to be rendered by it. Its lease is renewed.
+    /// True if a unit that a worker has is still to be rendered by it. Its lease is renewed.
     fn is_wanted(&self, key: &str, held: &Held) -> bool {
         if !self.is_holder(key, held) {
             self.state().workers.complain(key, "it reports a unit that it was not given");

@@ -68,7 +68,7 @@ pub(super) enum Kept {
 pub(super) struct By<'a> {
     pub key: &'a str,
     pub name: &'a str,
-    /// Whether another worker is to render the unit, too.
+    /// True if another worker is to render the unit, too.
     pub is_compared: bool,
 }
 
@@ -203,17 +203,17 @@ impl OpenFrame {
         self.state.lock().expect("no holder panics").is_broken = true;
     }
 
-    /// Whether a worker's frame is the same.
+    /// True if a worker's frame is the same.
     pub fn is_of(&self, identity: &str) -> bool {
         self.identity == identity
     }
 
-    /// Whether it is to be opened again. False while it is busy.
+    /// True if it is to be opened again. False while it is busy.
     pub fn is_broken(&self) -> bool {
         self.state.try_lock().is_ok_and(|state| state.is_broken)
     }
 
-    /// Whether it has all of its samples. False while it is busy.
+    /// True if it has all of its samples. False while it is busy.
     pub fn is_complete(&self) -> bool {
         self.state.try_lock().is_ok_and(|state| !state.is_broken && state.gathering.is_complete())
     }

@@ -29,7 +29,7 @@ pub(super) struct Outstanding {
     pub losses: u32,
     /// What another worker has made of it.
     pub compared: Option<Comparison>,
-    /// Whether this process renders it.
+    /// True if this process renders it.
     pub is_home: bool,
 }
 
@@ -81,7 +81,7 @@ impl Outstanding {
         self.holders.iter().find(|holder| holder.key == key)
     }
 
-    /// Whether a worker could not render it before, or has rendered it already.
+    /// True if a worker could not render it before, or has rendered it already.
     fn is_no_good(&self, key: &str) -> bool {
         let has_failed = self.failed.iter().any(|(failed, _)| failed == key);
         has_failed
@@ -113,7 +113,7 @@ impl Runner {
         self.secret.token(&id.to_string(), key)
     }
 
-    /// Whether a worker was given a unit, by this process or an earlier one.
+    /// True if a worker was given a unit, by this process or an earlier one.
     pub(super) fn is_holder(&self, key: &str, held: &Held) -> bool {
         self.secret.is_token(&held.unit.to_string(), key, &held.token)
     }

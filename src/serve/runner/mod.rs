@@ -105,11 +105,11 @@ struct State {
     workers: Workers,
     /// Scenes of views, each for as long as its view is open.
     views: Vec<(String, Weak<()>)>,
-    /// Whether open frames have fewer units than are wanted.
+    /// True if open frames have fewer units than are wanted.
     is_short: bool,
     /// The place of the next unit among those that workers may have.
     offered: u64,
-    /// Whether a worker has asked for a unit in vain since the bell was last rung.
+    /// True if a worker has asked for a unit in vain since the bell was last rung.
     is_hungry: bool,
     /// When silent workers were last looked for.
     swept: Option<Instant>,
@@ -124,7 +124,7 @@ struct Run {
     /// How fast its units are.
     speed: Speed,
     frames: BTreeMap<u32, Arc<OpenFrame>>,
-    /// Whether it has frames that are neither open nor being opened.
+    /// True if it has frames that are neither open nor being opened.
     has_more: bool,
     /// The tasks under way: which, and what steers it.
     tasks: Vec<(TaskKey, Arc<UnitWatch>)>,
@@ -274,7 +274,7 @@ impl Runner {
         Some(Workforce::new(Arc::clone(&self.bus), scene, workers))
     }
 
-    /// Whether workers may have the files of a scene: one that was uploaded, of a job that runs or of an open view.
+    /// True if workers may have the files of a scene: one that was uploaded, of a job that runs or of an open view.
     fn is_shared(&self, scene: &str) -> bool {
         let is_wanted = || {
             let state = self.state();

@@ -149,7 +149,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Whether another frame of a job is to be opened: if it has none, or those that are open have too few units.
+    /// True if another frame of a job is to be opened: if it has none, or those that are open have too few units.
     fn wants_frame(&self, job: &Job, open: usize) -> bool {
         let state = self.state();
         let opening =
@@ -279,7 +279,7 @@ fn next_unit(state: &mut State, sizes: Sizes) -> Option<Offer> {
     })
 }
 
-/// Whether a job is worked on in this state.
+/// True if a job is worked on in this state.
 pub(super) fn is_active(state: JobState) -> bool {
     matches!(state, JobState::Queued | JobState::Running)
 }

@@ -329,7 +329,7 @@ impl Workers {
         self.quarantined.remove(key).is_some() | self.resting.remove(key).is_some()
     }
 
-    /// Whether a worker takes units and was heard of within a time.
+    /// True if a worker takes units and was heard of within a time.
     fn is_there(&self, key: &str, known: &Known, within: Duration) -> bool {
         !known.is_draining
             && known.seen.elapsed() < within
@@ -345,12 +345,12 @@ impl Workers {
         there.map(|(_, known)| known.card.slots as usize).sum()
     }
 
-    /// Whether a worker that is none of these takes units and was heard of within a time.
+    /// True if a worker that is none of these takes units and was heard of within a time.
     pub fn has_other(&self, than: impl Fn(&str) -> bool, within: Duration) -> bool {
         self.known.iter().any(|(key, known)| !than(key) && self.is_there(key, known, within))
     }
 
-    /// Whether any worker was heard of within a time.
+    /// True if any worker was heard of within a time.
     pub fn is_any_heard(&self, within: Duration) -> bool {
         self.known.values().any(|known| known.seen.elapsed() < within)
     }

@@ -8,7 +8,7 @@ use std::fmt;
 pub struct AdapterChoice {
     /// Part of its name, in upper or lower case. May name a software adapter.
     pub name: Option<String>,
-    /// Whether to take a software adapter (a Vulkan driver on the CPU) when there is no hardware.
+    /// True if to take a software adapter (a Vulkan driver on the CPU) when there is no hardware.
     pub allow_software: bool,
 }
 
@@ -61,7 +61,7 @@ pub struct AdapterInfo {
     pub max_workgroups: u32,
     /// The smallest and the largest subgroup: threads that run in lockstep.
     pub subgroup: (u32, u32),
-    /// Whether kernels can use memory that the host also uses at full speed, so that streams need not be copied.
+    /// True if kernels can use memory that the host also uses at full speed, so that streams need not be copied.
     pub shared_memory: bool,
     /// The most boxes of a hardware ray query; 0 without ray queries.
     pub max_query_boxes: u32,

@@ -32,7 +32,7 @@ pub struct Gpu {
     pub(super) watchdog: Watchdog,
     history: Arc<AdapterHistory>,
     pub(super) replacement: DeviceReplacement,
-    /// Whether streams may lie in memory that the device shares with the host.
+    /// True if streams may lie in memory that the device shares with the host.
     pub(super) can_share_memory: bool,
     /// The measured sizes, if there are any.
     pub(super) tuned: Option<TunedSizes>,
@@ -105,7 +105,7 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// Whether streams may lie in memory that the device shares with the host.
+    /// True if streams may lie in memory that the device shares with the host.
     pub(super) fn can_share_memory(&self) -> bool {
         self.can_share_memory
     }
@@ -202,7 +202,7 @@ impl Gpu {
         self.history.fault
     }
 
-    /// Whether the fault is injected that the device has no memory for scenes.
+    /// True if the fault is injected that the device has no memory for scenes.
     pub(super) fn has_no_memory(&self) -> bool {
         self.history.fault == Some(Fault::OutOfMemory)
     }

@@ -142,7 +142,7 @@ impl KernelPipeline {
         self.exact = exact;
     }
 
-    /// Whether the device makes hits of the candidates.
+    /// True if the device makes hits of the candidates.
     pub fn is_exact(&self) -> bool {
         self.exact.is_some()
     }

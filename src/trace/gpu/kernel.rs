@@ -43,7 +43,7 @@ impl Kernel {
         }
     }
 
-    /// Whether the kernel's candidates are places. An answer of `trace_any` has no room for a member's number.
+    /// True if the kernel's candidates are places. An answer of `trace_any` has no room for a member's number.
     pub fn names_places(self, shape: &Shape) -> bool {
         shape.exact && !(self == Self::TraceAny && shape.members)
     }
@@ -76,12 +76,12 @@ pub(super) struct Shape {
     pub stack: usize,
     /// The kind of its trees.
     pub tree: TreeKind,
-    /// Whether it is a two-level tree.
+    /// True if it is a two-level tree.
     pub members: bool,
     /// Index of the first pair about which the filter decides. Used with a device's own tree only.
     pub first_masked: u32,
     pub pages: ScenePages,
-    /// Whether other kernels make hits of the candidates.
+    /// True if other kernels make hits of the candidates.
     pub exact: bool,
 }
 

@@ -19,7 +19,7 @@ pub enum TreeKind {
 pub struct Variant {
     /// The tree.
     pub tree: TreeKind,
-    /// Whether triangles of a leaf that share an edge are stored as pairs.
+    /// True if triangles of a leaf that share an edge are stored as pairs.
     pub pairs: bool,
 }
 

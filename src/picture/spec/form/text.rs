@@ -43,7 +43,7 @@ impl Form for File {
     }
 }
 
-/// What its type reads and writes itself.
+/// Values whose type reads and writes them.
 #[derive(Debug)]
 pub struct Own<T>(PhantomData<T>);
 

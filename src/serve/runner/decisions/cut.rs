@@ -40,7 +40,7 @@ pub struct Sizes {
     /// Units of the frame that are rendered at the same time at its end: the last ones are smaller, so that none keeps
     /// the others' workers waiting. 0 if other frames follow.
     pub at_once: usize,
-    /// Whether they are rendered in this process.
+    /// True if they are rendered in this process.
     pub is_local: bool,
 }
 

@@ -4,7 +4,7 @@
 pub const MOST_FILES: usize = 256;
 const LEAST_BYTES: u64 = 32 << 20;
 
-/// Whether so many files of so many bytes are to be added up into the file of sums, which has `sums_bytes` now.
+/// True if so many files of so many bytes are to be added up into the file of sums, which has `sums_bytes` now.
 pub fn is_to_be_folded(files: usize, most_files: usize, bytes: u64, sums_bytes: u64) -> bool {
     bytes >= LEAST_BYTES.max(2 * sums_bytes) || files >= most_files
 }

@@ -22,7 +22,7 @@ const SPARE_LEAST: Duration = Duration::from_secs(2);
 /// Who has a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Holding {
-    /// Whether it is the worker that asks.
+    /// True if it is the worker that asks.
     pub is_asker: bool,
     /// How long the holder was not heard of.
     pub silent: Duration,
@@ -35,9 +35,9 @@ pub struct Holding {
 pub struct Asked<'a> {
     /// Who has it.
     pub holdings: &'a [Holding],
-    /// Whether the worker's own sums of it are to be compared with another's.
+    /// True if the worker's own sums of it are to be compared with another's.
     pub is_own: bool,
-    /// Whether the worker could not render it before, and others may.
+    /// True if the worker could not render it before, and others may.
     pub has_failed: bool,
 }
 
@@ -70,7 +70,7 @@ pub fn taking(asked: &Asked<'_>, silence: Duration, lease: Duration) -> Taking {
     }
 }
 
-/// Whether a second worker is to render a unit, for which `drawn` was drawn from 0 to 1. A key that has brought fewer
+/// True if a second worker is to render a unit, for which `drawn` was drawn from 0 to 1. A key that has brought fewer
 /// than so many units is new.
 pub fn is_compared(drawn: f64, share: f64, brought: u64) -> bool {
     share > 0.0 && (drawn <= share || brought < FIRST_COMPARED)

@@ -41,7 +41,7 @@ impl PassUnits {
         self.open.get(&number)
     }
 
-    /// Whether a unit has been cut.
+    /// True if a unit has been cut.
     pub fn is_cut(&self, number: u32) -> bool {
         self.last.as_ref().is_some_and(|last| number <= last.number)
     }
@@ -63,7 +63,7 @@ impl PassUnits {
         }
     }
 
-    /// Whether the pass has the blocks of a unit.
+    /// True if the pass has the blocks of a unit.
     pub fn has_blocks(&self, unit: &UnitRow) -> bool {
         (unit.block + unit.blocks) as usize <= self.pass.blocks().len()
     }

@@ -43,7 +43,7 @@ impl PackedPair {
         Aabb::around([a, b, c, [d_x, d_y, d_z]].map(Vec3::from))
     }
 
-    /// Whether the filter decides about one of the triangles.
+    /// True if the filter decides about one of the triangles.
     pub fn is_masked(&self) -> bool {
         self.is_masked
     }
