@@ -157,8 +157,8 @@ fn a_worker_that_cannot_render_fails_no_job_and_is_named() {
     // Caches that are too small for the scene: the coordinator proves that the unit is not to blame.
     let _small = Worker::start(&nats.url(), "small", &["--cache-size", "10"]);
     let id = service.submit(&scene, &job);
-    assert_eq!(service.hashes(&id), [hash]);
     let resting = crate::state_of(&service, "small", "resting");
+    assert_eq!(service.hashes(&id), [hash]);
     assert!(resting["reason"].as_str().is_some_and(|why| why.contains("--cache-size")), "{resting}");
 }
 

@@ -92,7 +92,8 @@ impl Runner {
         }
         let is_stopped = |held: &&Held| refused.is_some() || !self.is_wanted(key, held);
         let stop = report.units.iter().filter(is_stopped).map(|held| held.unit.clone()).collect();
-        let is_unknown = !self.state().workers.report(key, report) && refused.is_none();
+        let is_unknown =
+            !self.state().workers.report(key, report, self.bus.lease_time()) && refused.is_none();
         Orders { stop, refused, is_unknown }
     }
 

@@ -122,7 +122,7 @@ impl Runner {
     pub(super) fn grant(&self, key: &str, wanted: &Wanted) -> Granted {
         let lease = self.bus.lease_time();
         let state = &mut *self.state();
-        state.workers.seen(key);
+        state.workers.seen(key, lease);
         let slots = match state.workers.standing(key, wanted.session) {
             Standing::Unknown => return Granted::Unknown,
             Standing::Refused(why) => return Granted::Refused(why),

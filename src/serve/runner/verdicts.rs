@@ -24,7 +24,7 @@ impl Runner {
         let id = finished.held.unit.clone();
         let finished_id = id.clone();
         let mut state = self.state();
-        state.workers.seen(key);
+        state.workers.seen(key, self.bus.lease_time());
         if let Some(why) = state.workers.refusal(key) {
             return Verdict::Refused(why.clone());
         }
@@ -222,7 +222,7 @@ impl Runner {
         }
         let (id, error) = (failure.held.unit, sentence(&failure.error));
         let mut state = self.state();
-        state.workers.seen(key);
+        state.workers.seen(key, self.bus.lease_time());
         let label = state.workers.label(key);
         let Some(unit) = state.outstanding.get_mut(&id) else { return };
         let before = unit.holders.len();

@@ -87,6 +87,16 @@ pub struct Workers {
     fruitless: HashMap<String, u32>,
 }
 
+impl Known {
+    /// Takes note that the worker is heard. Time in which it was silent is none that it has held units.
+    fn hear(&mut self, lease: Duration) {
+        if self.seen.elapsed() >= lease {
+            self.owes_since = self.owes_since.map(|_| Instant::now());
+        }
+        self.seen = Instant::now();
+    }
+}
+
 impl Workers {
     /// With those that an earlier process has quarantined: key, name, reason.
     pub fn new(quarantined: Vec<(String, String, String)>) -> Self {
@@ -187,9 +197,9 @@ impl Workers {
     }
 
     /// Takes note of a report. False if the worker is not known.
-    pub fn report(&mut self, key: &str, report: &Report) -> bool {
+    pub fn report(&mut self, key: &str, report: &Report, lease: Duration) -> bool {
         let Some(known) = self.known.get_mut(key) else { return false };
-        known.seen = Instant::now();
+        known.hear(lease);
         known.units = report.units.len();
         known.is_draining = report.is_draining;
         known.cache = report.cache;
@@ -198,10 +208,8 @@ impl Workers {
     }
 
     /// Takes note that a worker is there.
-    pub fn seen(&mut self, key: &str) {
-        if let Some(known) = self.known.get_mut(key) {
-            known.seen = Instant::now();
-        }
+    pub fn seen(&mut self, key: &str, lease: Duration) {
+        self.known.get_mut(key).into_iter().for_each(|known| known.hear(lease));
     }
 
     /// Takes note that a worker was given a unit, perhaps one that another had before.
@@ -248,7 +256,10 @@ impl Workers {
 
     /// The workers that have had units for too long without returning any.
     pub fn debtors(&self, lease: Duration) -> Vec<String> {
-        let owes = |known: &Known| known.owes_since.map(|since| since.elapsed());
+        // Who cannot be heard holds nothing back: its lease ends by itself.
+        let owes = |known: &Known| {
+            known.owes_since.filter(|_| known.seen.elapsed() < lease).map(|since| since.elapsed())
+        };
         let debtors = self.known.iter().filter(|(_, known)| is_fruitless(owes(known), 0, lease));
         debtors.map(|(key, _)| key.clone()).collect()
     }
