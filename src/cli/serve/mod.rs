@@ -95,8 +95,7 @@ fn serve(
 
 /// A scene as workers on other machines get it. `None`, with a word in the log, if it cannot be packed.
 fn packed(backend: &RenderBackend, scene: &Path) -> Option<ScenePack> {
-    let mut spec = RenderSpec::default();
-    spec.scene = Some(scene.to_owned());
+    let spec = RenderSpec { scene: Some(scene.to_owned()), ..RenderSpec::default() };
     match Pack::of(backend.registry(), &spec) {
         Ok(pack) => Some(pack.scene),
         Err(error) => {
