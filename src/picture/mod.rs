@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The command line, an options file, a job over HTTP and a unit on its way to a worker are doors to this room: each of
-//! them fills in a [`RenderSpec`], and [`open`] does the rest. What belongs to a machine alone (threads, outputs,
+//! them fills in a [`RenderSpec`], and [`open()`] does the rest. What belongs to a machine alone (threads, outputs,
 //! progress) is no part of a spec.
 
 mod any_integrator;

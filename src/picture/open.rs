@@ -35,7 +35,7 @@ pub fn open(spec: &RenderSpec, folder: &Path, units: &Units) -> Result<Rendering
     open_with(spec, folder, units, &Registry::built_in())
 }
 
-/// [`open`] with integrators and surfaces of your own.
+/// [`open()`] with integrators and surfaces of your own.
 ///
 /// # Errors
 /// What is wrong with the spec or the scene.

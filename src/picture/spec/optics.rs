@@ -23,7 +23,7 @@ spec_group! {
         flag "panorama" panorama;
         /// Intrinsics in pixels of the picture; (0.5, 0.5) is the centre of the top left pixel.
         maybe "K" k: form::Calibration, "FX,FY,CX,CY";
-        /// Lens distortion of --K (Brown-Conrady), in OpenCV's order: K1,K2,P1,P2[,K3[,K4,K5,K6[,S1,S2,S3,S4]]].
+        /// Lens distortion of --K (Brown-Conrady), in OpenCV's order: `K1,K2,P1,P2[,K3[,K4,K5,K6[,S1,S2,S3,S4]]]`.
         maybe "distortion" distortion: form::BrownConrady, "K1,K2,P1,P2[,..]";
         /// Lens distortion of --K by OpenCV's fisheye model.
         maybe "fisheye" fisheye: form::Fisheye, "K1,K2,K3,K4";
