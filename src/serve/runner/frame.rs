@@ -361,7 +361,8 @@ impl FrameState {
     /// A unit that has no sums yet and its blocks, or what becomes of sums that come for it.
     fn wanted(&self, id: &UnitId) -> Result<Result<(UnitRow, Vec<u32>), Kept>, Failure> {
         if self.is_broken {
-            return Err(Failure::Disk("the frame is opened again".into()));
+            // It is opened again, and its units are asked for once more.
+            return Err(Failure::Stopped);
         }
         let Some(pass) = self.passes.iter().find(|own| own.number == id.pass) else {
             return Ok(Err(Kept::Before));
