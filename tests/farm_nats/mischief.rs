@@ -160,7 +160,7 @@ fn a_worker_that_holds_units_and_returns_nothing_delays_the_others_little() {
     let slack = 4.0;
     assert!(with.as_secs_f64() < 1.6 * without.as_secs_f64() + slack, "{share}");
     let scene = service.upload_file(&shipped("cornell.json"));
-    let next = service.submit(&scene, &json!({ "size": "96x64", "spp": 4096, "seed": 4 }));
+    let next = service.submit(&scene, &json!({ "size": "96x64", "spp": 60_000, "seed": 4 }));
     let resting = state_of(&service, "worker-1", "resting");
     assert!(resting["reason"].as_str().is_some_and(|why| why.contains("has returned none")), "{resting}");
     service.post(&format!("/api/v1/jobs/{next}/cancel"), &json!({}));

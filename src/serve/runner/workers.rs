@@ -12,6 +12,9 @@ const FORGOTTEN_AFTER: Duration = Duration::from_secs(600);
 /// Keys that are known at the same time: a guard.
 const MOST_KNOWN: usize = 20_000;
 
+/// Leases after which a worker that was not heard of counts as silent, and not as one that holds units.
+const SILENT_LEASES: u32 = 2;
+
 /// Complaints of a worker that are logged; then one in a hundred is.
 const LOGGED: u64 = 5;
 
@@ -90,7 +93,7 @@ pub struct Workers {
 impl Known {
     /// Takes note that the worker is heard. Time in which it was silent is none that it has held units.
     fn hear(&mut self, lease: Duration) {
-        if self.seen.elapsed() >= lease {
+        if self.seen.elapsed() >= SILENT_LEASES * lease {
             self.owes_since = self.owes_since.map(|_| Instant::now());
         }
         self.seen = Instant::now();
@@ -258,7 +261,10 @@ impl Workers {
     pub fn debtors(&self, lease: Duration) -> Vec<String> {
         // Who cannot be heard holds nothing back: its lease ends by itself.
         let owes = |known: &Known| {
-            known.owes_since.filter(|_| known.seen.elapsed() < lease).map(|since| since.elapsed())
+            known
+                .owes_since
+                .filter(|_| known.seen.elapsed() < SILENT_LEASES * lease)
+                .map(|since| since.elapsed())
         };
         let debtors = self.known.iter().filter(|(_, known)| is_fruitless(owes(known), 0, lease));
         debtors.map(|(key, _)| key.clone()).collect()
