@@ -54,7 +54,7 @@ spec_group! {
     ///
     /// let spec: RenderSpec = serde_json::from_str(r#"{ "scene": "a.glb", "size": [64, 36], "eye": "0,1,5" }"#)?;
     /// assert_eq!((spec.size, spec.stop.samples()), ((64, 36), 64));
-    /// assert_eq!(serde_json::to_string(&spec)?, r#"{"scene":"a.glb","size":"64x36","eye":[0.0,1.0,5.0]}"#);
+    /// assert_eq!(serde_json::to_string(&spec)?, r#"{"scene":"a.glb","size":"64x36","eye":[0,1,5]}"#);
     /// let error = serde_json::from_str::<RenderSpec>(r#"{ "size": "64" }"#).unwrap_err().to_string();
     /// assert!(error.starts_with("size: write WIDTHxHEIGHT, as in 960x540 at line 1"), "{error}");
     /// # Ok::<(), serde_json::Error>(())
