@@ -11,7 +11,7 @@ use raystream::render::{
 };
 use raystream::scene::recipe::Recipe;
 use raystream::scene::{Camera, Scene};
-use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
+use raystream::schedule::{JobOptions, Renderer, Service, ServiceOptions, Unit};
 use raystream::stream::{Hit, Ray};
 use std::error::Error;
 use std::sync::Arc;
@@ -50,7 +50,7 @@ fn scene() -> Result<Scene, Box<dyn Error>> {
 }
 
 /// Renders the integrator's frame as a job of the service.
-fn render<I: Integrator>(
+fn render<I: Integrator + Renderer>(
     name: &'static str,
     service: &Service,
     prepared: &PreparedScene,
