@@ -2,12 +2,10 @@
 
 use super::args::Cli;
 use crate::picture::Registry;
+use crate::picture::shaders::EXTENSION;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command, CommandFactory};
 use std::ffi::OsStr;
-
-/// The extension of shader files.
-const SHADER: &str = ".wgsl";
 
 /// The command line with the integrators of a registry: for shell completions, manuals and tests of documents.
 pub fn command(registry: &Registry) -> Command {
@@ -43,7 +41,7 @@ impl TypedValueParser for IntegratorName {
 
     fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
         match value.to_str() {
-            Some(file) if file.ends_with(SHADER) => Ok(file.to_owned()),
+            Some(file) if file.ends_with(EXTENSION) => Ok(file.to_owned()),
             _ => PossibleValuesParser::new(self.0.clone()).parse_ref(command, arg, value),
         }
     }

@@ -56,10 +56,6 @@ impl CheckedSpec {
         &self.integrator
     }
 
-    pub(super) fn shared_spec(&self) -> &Arc<RenderSpec> {
-        &self.spec
-    }
-
     pub(super) fn registry(&self) -> &Arc<Registry> {
         &self.registry
     }

@@ -44,11 +44,6 @@ impl Rendering {
         self.checked.spec()
     }
 
-    /// The spec, shared.
-    pub fn shared_spec(&self) -> &Arc<RenderSpec> {
-        self.checked.shared_spec()
-    }
-
     /// The scene.
     pub fn prepared(&self) -> &PreparedScene {
         &self.prepared
@@ -108,7 +103,7 @@ impl Rendering {
             prepared: self.prepared.clone(),
         };
         let integrator = self.checked.registry().integrator(self.integrator_name(), params)?;
-        let integrator = integrator.with_simd(self.simd).with_aovs(&spec.aovs())?;
+        let integrator = integrator.with_aovs(&spec.aovs())?;
         Ok(match spec.part.part(integrator.frame().settings()) {
             Some(part) => integrator.with_part(part)?,
             None => integrator,

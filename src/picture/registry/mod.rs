@@ -207,9 +207,13 @@ impl Registry {
     ) -> Self {
         let name = name.into();
         self.integrators.retain(|entry| entry.name != name);
-        let make = Arc::new(move |params: IntegratorParams| match make(params) {
-            Ok(integrator) => Ok(AnyIntegrator::new(integrator)),
-            Err(error) => Err(anyhow::Error::from_boxed(error.into())),
+        let make = Arc::new(move |params: IntegratorParams| {
+            let simd = params.prepared.simd();
+            match make(params) {
+                // Before its type is erased: it keeps its film then.
+                Ok(integrator) => Ok(AnyIntegrator::new(integrator.with_simd(simd))),
+                Err(error) => Err(anyhow::Error::from_boxed(error.into())),
+            }
         });
         self.integrators.push(IntegratorEntry { name, about: about.into(), options: Vec::new(), make });
         self
