@@ -80,18 +80,24 @@ fn a_liar_alone_is_found_by_the_coordinator_itself() {
 
 #[test]
 fn the_first_units_of_a_new_key_are_compared_whatever_the_share() {
-    let (farm, data) = (Farm::new(2), folder());
+    let (farm, data) = (Farm::new(3), folder());
     let service = farm.comparing(data.path(), "0.000001");
     let scene = service.upload_file(&shipped("cornell.json"));
-    let _honest = farm.worker("worker-2");
-    let mut liar = farm.worker_that("worker-1", &["--mischief", "lie"]);
+    let _honest = ["worker-2", "worker-3"].map(|name| farm.worker(name));
     wait_for_workers(&service, 2);
     let id = service.submit(&scene, &many());
+    service.hashes(&id);
+    let job = service.job(&id);
+    assert!(job["compared"]["units"].as_u64() >= Some(8), "{job}");
+    assert_eq!(job["compared"]["workers"], 2, "{job}");
+    // A liar that comes later is found by its first units.
+    let mut liar = farm.worker_that("worker-1", &["--mischief", "lie"]);
+    wait_for_workers(&service, 3);
+    let (job, hash) = still();
+    let id = service.submit(&scene, &job);
     assert_eq!(liar.process.wait().code(), Some(2));
     state_of(&service, "worker-1", "quarantined");
-    let job = service.wait_for(&id, &["done"]);
-    assert!(job["compared"]["units"].as_u64() >= Some(4), "{job}");
-    assert_eq!(job["compared"]["workers"], 1 + u64::from(job["compared"]["workers"] == 2), "{job}");
+    assert_eq!(service.hashes(&id), [hash]);
 }
 
 #[test]

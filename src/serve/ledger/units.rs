@@ -150,22 +150,23 @@ impl Ledger {
     }
 
     /// Writes down that a frame's file of sums holds the sums of all units that are kept. Their rows go, but for the
-    /// last of each pass, from which the next is cut.
+    /// last of each pass, from which the next is cut. False if the frame has begun another round than this one.
     ///
     /// # Errors
-    /// If the ledger cannot be used, or the frame has begun anew.
-    pub fn fold(&self, job: &str, (frame, round): (u32, u32), sums: u64) -> Result<(), LedgerError> {
+    /// If the ledger cannot be used.
+    pub fn fold(&self, job: &str, (frame, round): (u32, u32), sums: u64) -> Result<bool, LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
             let update = "UPDATE frame SET sums = ?4 WHERE job = ?1 AND number = ?2 AND round = ?3";
             if transaction.execute(update, params![job, frame, round, sums as i64])? == 0 {
-                return Err(rusqlite::Error::QueryReturnedNoRows);
+                return Ok(false);
             }
             let units = "UPDATE unit SET state = 2 WHERE job = ?1 AND frame = ?2 AND state = 1";
             transaction.execute(units, params![job, frame])?;
             let is_before = "state = 2 AND EXISTS (SELECT 1 FROM unit AS other WHERE other.job = unit.job \
                 AND other.frame = unit.frame AND other.pass = unit.pass AND other.number > unit.number)";
-            count_and_remove(transaction, &job, frame, is_before)
+            count_and_remove(transaction, &job, frame, is_before)?;
+            Ok(true)
         })
     }
 

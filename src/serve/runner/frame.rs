@@ -303,10 +303,11 @@ impl OpenFrame {
         let path = self.folder.join(format!("{SUMS}{}", state.sums + 1));
         write(&path, |file| state.gathering.save(file))?;
         failpoint::pass("sums-written");
-        if let Err(error) = ledger.fold(&self.job, (self.frame, self.round), state.sums + 1) {
-            // Whether it has been done is not known.
+        let folded = ledger.fold(&self.job, (self.frame, self.round), state.sums + 1);
+        if !matches!(folded, Ok(true)) {
+            // The frame has begun anew, or whether the ledger has done it is not known.
             state.is_broken = true;
-            return Err(error.into());
+            return folded.map(drop).map_err(Failure::from);
         }
         failpoint::pass("sums-committed");
         state.loose.drain(..).for_each(|path| results::remove(&path));
