@@ -155,11 +155,7 @@ pub mod bench;
 
 #[cfg(feature = "serve")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
-pub mod serve;
-
-#[cfg(feature = "serve")]
-#[cfg_attr(not(feature = "unstable"), doc(hidden))]
-pub mod farm;
+pub mod service;
 
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -4,7 +4,8 @@
 //! The client is in the same process. Times include the view transform and JPEG, and neither a network nor a browser.
 
 use super::Spread;
-use crate::serve::live::{Frame, LiveView, Pose, Request, Stage};
+use crate::service::contract::Pose;
+use crate::service::live::{Frame, LiveView, Request, ViewScene};
 use glam::Quat;
 use serde::Serialize;
 use std::io;
@@ -61,7 +62,7 @@ struct Client {
 ///
 /// # Errors
 /// If the system gives no threads, or the view refuses a picture.
-pub fn run(stage: Stage, options: &Options) -> io::Result<Row> {
+pub fn run(stage: ViewScene, options: &Options) -> io::Result<Row> {
     let size = [stage.settings.width, stage.settings.height];
     let spp = stage.settings.spp;
     let (wake, woken) = channel();

@@ -13,7 +13,7 @@ use crate::scene::Scene;
 use crate::scene::load::LoadOptions;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
 #[cfg(feature = "serve")]
-use crate::serve::SharedUnits;
+use crate::service::backend::SharedUnits;
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;

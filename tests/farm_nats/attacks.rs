@@ -74,7 +74,7 @@ impl Thief {
 
     /// Joins as a worker may, and waits for a unit. Returns it with its token.
     pub async fn lease(&mut self) -> Value {
-        let build = serde_json::to_value(raystream::farm::Build::own()).expect("JSON");
+        let build = serde_json::to_value(raystream::service::contract::Build::own()).expect("JSON");
         let card = json!({
             "worker": "thief", "host": "h", "build": build, "session": 1, "slots": 2, "units": "CPU",
             "is_live": false,
@@ -278,7 +278,7 @@ fn a_worker_of_another_version_is_refused_by_name() {
         let answer = runtime.block_on(thief.client.request(subject, asked.into()));
         serde_json::from_slice(&answer.expect("an answer").payload[4..]).expect("JSON")
     };
-    let own = serde_json::to_value(raystream::farm::Build::own()).expect("JSON");
+    let own = serde_json::to_value(raystream::service::contract::Build::own()).expect("JSON");
     assert!(join(&own)["Answer"]["Welcome"]["Joined"].is_object());
     for name in ["raystream", "pictures", "films", "fingerprints", "messages"] {
         let mut build = own.clone();

@@ -65,7 +65,7 @@ fn mutated(value: &Value, others: &[Value]) -> Vec<Value> {
 
 /// A question of each kind, as an honest worker asks it.
 fn questions(scene: &str, unit: &Value, token: &str) -> Vec<(&'static str, Value)> {
-    let build = serde_json::to_value(raystream::farm::Build::own()).expect("JSON");
+    let build = serde_json::to_value(raystream::service::contract::Build::own()).expect("JSON");
     let held = json!({ "unit": unit, "token": token });
     let card = json!({
         "worker": "thief", "host": "h", "build": build, "session": 1, "slots": 2, "units": "CPU", "is_live": false,

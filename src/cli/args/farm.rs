@@ -1,8 +1,8 @@
 //! Arguments of a coordinator and of its workers.
 
 use super::{ClientArgs, FarmPlanArgs, UnitArgs};
-use crate::farm::Mischief;
-use crate::serve::Failpoint;
+use crate::service::contract::Failpoint;
+use crate::service::worker::Mischief;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Arguments of `raystream farm plan`.
 
-use crate::farm::plan::Costs;
 use crate::picture::form::{Form, Size};
+use crate::service::plan::Costs;
 use clap::{Args, ValueEnum};
 use serde_json::Value;
 use std::path::PathBuf;

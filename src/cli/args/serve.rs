@@ -3,7 +3,7 @@
 use super::{SceneArgs, SpecArgs, UnitArgs};
 use crate::picture::LightSpec;
 use crate::picture::form::{Form, Seconds};
-use crate::serve::Failpoint;
+use crate::service::contract::Failpoint;
 use clap::parser::ValueSource;
 use clap::{Args, FromArgMatches};
 use std::net::SocketAddr;

@@ -5,7 +5,7 @@ use super::write;
 use crate::bench::live::{Options, run as measure};
 use crate::render::Settings;
 use crate::schedule::{Service, ServiceOptions};
-use crate::serve::live::Stage;
+use crate::service::live::ViewScene;
 use anyhow::Result;
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,7 +18,7 @@ pub fn run(args: &BenchLiveArgs) -> Result<()> {
     let service = ServiceOptions::default().with_host_threads(setup.service.host_threads());
     let service = Arc::new(Service::new(service)?);
     let settings = Settings::new(width, height).with_spp(args.spp);
-    let stage = Stage::new("bench", Arc::new(setup.prepared.clone()), service);
+    let stage = ViewScene::new("bench", Arc::new(setup.prepared.clone()), service);
     let row = measure(stage.with_camera(camera).with_settings(settings), &options)?;
     stdout_line!(
         "first frame of a pose   {:>8.1} ms ({:.1} to {:.1})",

@@ -4,7 +4,7 @@
 use super::systemd;
 use crate::cli::Outcome;
 use crate::cli::args::{FarmInitArgs, FarmKeyArgs};
-use crate::farm::nats::{Certificates, NatsKey, settings};
+use crate::service::bus::nats::{Certificates, NatsKey, settings};
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, OpenOptions};

@@ -6,7 +6,7 @@ use crate::cli::args::{FarmPlanArgs, JobName};
 use crate::cli::outputs::Outputs;
 use crate::cli::sheet::Provenance;
 use crate::cli::stats;
-use crate::farm::plan::{
+use crate::service::plan::{
     Costs, Farm, FramesJob, PlannedJob, Prediction, measured, predict, predict_together,
 };
 use anyhow::{Context, Result, anyhow, bail, ensure};

@@ -5,7 +5,7 @@ use crate::cli::args::{Cli, Command};
 use crate::cli::{Outcome, command, options_file};
 use crate::files;
 use crate::picture::{Registry, RenderSpec, SpecGroup};
-use crate::serve::Pack;
+use crate::service::contract::Pack;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::FromArgMatches;
 use serde_json::{Value, json};
@@ -38,7 +38,7 @@ impl Client {
         let mut config = Agent::config_builder().http_status_as_error(false).max_redirects(0);
         let server = args.server.trim_end_matches('/').to_owned();
         if server.starts_with("https:") {
-            config = config.tls_config(crate::serve::roots::tls(args.ca.as_deref())?);
+            config = config.tls_config(crate::service::http::roots::tls(args.ca.as_deref())?);
         }
         let agent = config.timeout_connect(Some(Duration::from_secs(10))).build().new_agent();
         Ok(Self { agent, server, token: format!("Bearer {}", token.trim()) })

@@ -14,10 +14,10 @@ use super::Outcome;
 use super::args::{ServeArgs, viewer};
 use super::setup::shared_units;
 use crate::picture::{Registry, RenderSpec};
-use crate::serve::{
-    FarmOptions, Limits, LoadedScenes, Options, OwnScene, Pack, RenderBackend, SCHEDULED, ScenePack, Stop,
-    TOKEN_FILE, Tls,
-};
+use crate::service::backend::{LoadedScenes, RenderBackend, SCHEDULED};
+use crate::service::contract::{Limits, Pack, ScenePack};
+use crate::service::coordinator::{FarmOptions, OwnScene};
+use crate::service::http::{Options, Stop, TOKEN_FILE, Tls};
 use anyhow::Result;
 use std::path::Path;
 use std::sync::Arc;
@@ -80,7 +80,7 @@ fn serve(
     let stop = Stop::default();
     listen_for_signals(&stop);
     let token = data.join(TOKEN_FILE);
-    crate::serve::run(options, backend, &stop, move |address| {
+    crate::service::http::run(options, backend, &stop, move |address| {
         let scheme = if is_encrypted { "https" } else { "http" };
         // The token stands behind `#`, which browsers send to no one.
         let page = match std::fs::read_to_string(&token) {
@@ -113,7 +113,7 @@ fn farm(args: &ServeArgs) -> Result<(FarmOptions, ())> {
 
 /// How units of jobs reach their workers, and the server that was started for it.
 #[cfg(feature = "farm")]
-fn farm(args: &ServeArgs) -> Result<(FarmOptions, Option<crate::farm::nats::NatsServer>)> {
+fn farm(args: &ServeArgs) -> Result<(FarmOptions, Option<crate::service::bus::nats::NatsServer>)> {
     let mut farm = local(args);
     let server = crate::cli::farm::connect(&args.farm, args.insecure, &args.data, &mut farm)?;
     Ok((farm, server))

@@ -1,0 +1,19 @@
+//! The service's door: requests over HTTP, the page, live views, webhooks.
+
+mod api;
+mod auth;
+mod connections;
+mod drake;
+mod guard;
+mod live;
+mod openapi;
+pub mod page;
+mod problem;
+pub mod roots;
+mod server;
+mod state;
+mod webhook;
+
+pub use auth::TOKEN_FILE;
+pub use server::{Options, ServeError, Stop, Tls, run};
+pub use state::State;
