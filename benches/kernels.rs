@@ -5,17 +5,17 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, Divan, black_box};
 use glam::Vec3;
-use raystream::bench::triangle_test::{InLanes, count_hits};
-use raystream::bench::{Kind, Order, Workload, meshes};
 use raystream::bvh::Bvh;
 use raystream::film::Film;
 use raystream::geom::{Sampler, warp};
 use raystream::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
-use raystream::scene::{Camera, Finish};
+use raystream::scene::{Camera, Finish, generate};
 use raystream::shade::Bsdf;
 use raystream::shade::bsdf::{Matte, Principled, Smoothness};
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::CpuTracer;
+use raystream_bench::triangle_test::{InLanes, count_hits};
+use raystream_bench::{Kind, Order, Workload};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -83,7 +83,7 @@ mod traversal {
     }
 
     fn closest(bencher: Bencher, level: SimdLevel, rays: impl Fn(&Workload, &Bvh) -> Vec<Ray>) {
-        let scene = meshes::matte(meshes::terrain(200));
+        let scene = generate::matte(generate::terrain(200));
         let bvh = Arc::new(Bvh::build(&scene.mesh.positions, &scene.mesh.triangles, |_| false));
         let tracer = CpuTracer::new(bvh.clone(), None, level).expect("an available level");
         let camera = Camera::framing(&bvh.bounds(), 1.0);
@@ -221,7 +221,7 @@ impl LaneTask for Splats<'_> {
 }
 
 /// A scene from its own files, and from a flat file.
-#[cfg(feature = "serve")]
+#[cfg(feature = "service")]
 mod flat {
     use super::*;
     use raystream::memory::MemoryBudget;
@@ -235,7 +235,7 @@ mod flat {
     /// The scene's file in a folder, which is made if need be.
     fn file(folder: &tempfile::TempDir, name: &str) -> std::path::PathBuf {
         if !name.ends_with(".obj") {
-            return [env!("CARGO_MANIFEST_DIR"), "scenes", name].iter().collect();
+            return [env!("CARGO_MANIFEST_DIR"), "../../scenes", name].iter().collect();
         }
         let mut text = String::new();
         let at = |x: usize, y: usize| 1 + x + y * (EDGE + 1);

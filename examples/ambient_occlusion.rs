@@ -3,9 +3,9 @@
 
 use anyhow::Result;
 use glam::Vec3;
-use raystream::bench::meshes;
 use raystream::geom::{Basis, Sampler, warp};
 use raystream::query::{Mesh, Ray};
+use raystream::scene::generate;
 use raystream::scene::{Shared, load};
 use std::io::{BufWriter, Write};
 
@@ -55,7 +55,7 @@ fn main() -> Result<()> {
             let mesh = Shared::into_inner(load::load(&scene)?.mesh);
             (mesh.positions, mesh.triangles)
         }
-        None => meshes::terrain(256),
+        None => generate::terrain(256),
     };
     let mesh = Mesh::build(&positions, &triangles)?;
     let reach = 0.2 * mesh.bvh().bounds().radius();

@@ -3,8 +3,8 @@
 
 use anyhow::{Context, Result, ensure};
 use glam::Vec3;
-use raystream::bench::meshes;
 use raystream::query::{Mesh, Ray};
+use raystream::scene::generate;
 use raystream::scene::{Shared, load};
 use std::io::{BufWriter, Write};
 
@@ -69,7 +69,7 @@ fn main() -> Result<()> {
             let mesh = Shared::into_inner(load::load(&scene)?.mesh);
             (mesh.positions, mesh.triangles)
         }
-        None => meshes::terrain(512),
+        None => generate::terrain(512),
     };
     let mesh = Mesh::build(&positions, &triangles)?;
     let bounds = mesh.bvh().bounds();

@@ -1,8 +1,8 @@
 //! Which of some lookouts on hills see each other: `cargo run --release --example visibility`.
 
 use glam::Vec3;
-use raystream::bench::meshes;
 use raystream::query::{GeometryError, Mesh, Ray};
+use raystream::scene::generate;
 
 /// How high a lookout stands above the ground.
 const HEIGHT: f32 = 1.5;
@@ -31,7 +31,7 @@ fn lookouts(n: u32) -> Vec<[f32; 2]> {
 }
 
 fn main() -> Result<(), GeometryError> {
-    let (positions, triangles) = meshes::terrain(512);
+    let (positions, triangles) = generate::terrain(512);
     let mesh = Mesh::build(&positions, &triangles)?;
     let seen = survey(&mesh, &lookouts(6));
     for (i, row) in seen.iter().enumerate() {
@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn seeing_is_mutual_and_hills_are_in_the_way_of_some() {
-        let (positions, triangles) = meshes::terrain(64);
+        let (positions, triangles) = generate::terrain(64);
         let seen = survey(&Mesh::build(&positions, &triangles).expect("sound"), &lookouts(5));
         let mut visible = 0;
         for (a, row) in seen.iter().enumerate() {

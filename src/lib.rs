@@ -54,16 +54,14 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! | `render` | scenes, shading, integrators, films, the scheduler |
 //! | `wgsl` | surfaces and integrators in WGSL |
 //! | `formats` | scene files (OBJ, glTF, PLY, recipes) and image files |
+//! | `flat` | loaded scenes as flat files, which are mapped and not decoded |
 //! | `gpu` | the wgpu tracer |
-//! | `bench` | what `raystream bench` measures, and its peers |
-//! | `cli` | the command line, with plug-ins of your own |
-//! | `serve` | `raystream serve`: jobs over HTTP, and the commands that talk to it |
-//! | `farm` | `raystream worker`: the service's units go to many machines over NATS JetStream |
 //! | `picture` | pictures as data: `picture::open(&spec, folder, &units)` |
 //! | `nvml` | energy and power of NVIDIA GPUs |
 //! | `unstable` | documentation of the modules that may change in any release |
 //!
-//! `cli`, `bench`, `gpu` and `nvml` are on by default. A user of ray queries writes
+//! `gpu` and `picture` are on by default. The command line, with integrators of your own, is the package
+//! `raystream-cli`. A user of ray queries writes
 //!
 //! ```toml
 //! raystream = { version = "0.1", default-features = false, features = ["query"] }
@@ -85,7 +83,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! With `panic = "abort"` panics of wgpu cannot be caught: a request for a GPU then warns.
 //!
 //! # Versions
-//! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`, `bench`,
+//! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`,
 //! `meters`) may change in any release. [`glam`] and [`bytemuck`] are part of the interface: a release that raises
 //! either is a breaking one. The oldest compiler is the `rust-version` of `Cargo.toml`; raising it is a minor release.
 
@@ -145,20 +143,9 @@ pub mod picture;
 #[cfg(feature = "formats")]
 pub mod compare;
 
-#[cfg(any(feature = "bench", feature = "cli"))]
+#[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod meters;
-
-#[cfg(feature = "bench")]
-#[cfg_attr(not(feature = "unstable"), doc(hidden))]
-pub mod bench;
-
-#[cfg(feature = "serve")]
-#[cfg_attr(not(feature = "unstable"), doc(hidden))]
-pub mod service;
-
-#[cfg(feature = "cli")]
-pub mod cli;
 
 /// Names that most programs that render use: `use raystream::prelude::*`.
 #[cfg(feature = "render")]
@@ -174,21 +161,4 @@ pub mod prelude {
     pub use crate::scene::{Camera, Environment, Material, Scene};
     pub use crate::schedule::{JobHandle, JobOptions, Priority, Service, ServiceOptions};
     pub use crate::stream::{Hit, Ray};
-}
-
-/// The programs of README and guides, compiled, and run where they need no arguments.
-#[cfg(all(doctest, feature = "cli"))]
-mod documents {
-    #[doc = include_str!("../README.md")]
-    struct Readme;
-    #[doc = include_str!("../docs/guide/add-a-bsdf.md")]
-    struct AddABsdf;
-    #[doc = include_str!("../docs/guide/add-a-format.md")]
-    struct AddAFormat;
-    #[doc = include_str!("../docs/guide/add-a-tracer.md")]
-    struct AddATracer;
-    #[doc = include_str!("../docs/guide/add-an-integrator.md")]
-    struct AddAnIntegrator;
-    #[doc = include_str!("../docs/guide/pictures-from-code.md")]
-    struct PicturesFromCode;
 }

@@ -39,7 +39,7 @@ pub(crate) const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9
 pub(crate) const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
 
 /// Distance by which box planes are moved outwards, relative to the largest coordinate of scene and origin.
-pub(crate) const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
+pub const SLACK: f32 = 1.0 / (1u32 << 19) as f32;
 
 /// A ray prepared for the canonical test, once for each ray and scene.
 ///

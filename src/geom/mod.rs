@@ -19,11 +19,14 @@ pub mod warp;
 
 pub use aabb::Aabb;
 pub use basis::Basis;
+#[doc(hidden)]
+pub use canonical::SLACK;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
-pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT, SLACK};
+pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT};
 pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
 #[cfg(any(test, feature = "render"))]
-pub(crate) use sampler::mix;
+#[doc(hidden)]
+pub use sampler::mix;
 #[cfg(feature = "render")]
 pub(crate) use sampler::{mix_lanes, unit};

@@ -71,7 +71,7 @@ impl Sampler<SingleLane> {
 
 /// A full-avalanche permutation of 32 bits (Wellons' lowbias32).
 #[inline]
-pub(crate) fn mix(x: u32) -> u32 {
+pub fn mix(x: u32) -> u32 {
     mix_lanes(Int::from(x)).get()
 }
 

@@ -208,7 +208,7 @@ impl<L: Lanes> Mask<L> {
 
 /// The bits of the first `count` lanes; of all lanes if there are no more.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn first_lanes<L: Lanes>(count: usize) -> LaneBits {
+pub fn first_lanes<L: Lanes>(count: usize) -> LaneBits {
     if count >= L::LANES { L::ALL } else { (1 << count) - 1 }
 }
 

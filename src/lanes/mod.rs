@@ -61,7 +61,8 @@ pub(crate) use inlined::{both, each, from_index, zip};
 pub(crate) use inlined::{for_pairs, for_pairs_mut, for_parts};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
-pub(crate) use mask::first_lanes;
+#[doc(hidden)]
+pub use mask::first_lanes;
 pub use mask::{Mask, MaskRepr, SetLanes};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;

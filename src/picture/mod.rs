@@ -19,8 +19,10 @@ mod open;
 mod plugin_options;
 mod registry;
 mod rendering;
-pub(crate) mod scene_file;
-pub(crate) mod shaders;
+#[doc(hidden)]
+pub mod scene_file;
+#[doc(hidden)]
+pub mod shaders;
 mod spec;
 mod unit;
 mod views;

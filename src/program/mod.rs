@@ -32,8 +32,8 @@ mod surface;
 mod tests;
 
 pub use bsdf::BsdfShader;
-#[cfg(feature = "bench")]
-pub(crate) use native::{ease, noise};
+#[doc(hidden)]
+pub use native::{ease, noise};
 pub use parameter::Parameter;
 pub use prelude::prelude;
 pub use run::BLOCK;

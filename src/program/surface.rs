@@ -100,8 +100,8 @@ impl PatternShader {
     }
 
     /// [`PatternShader::load`]; without `natives` the functions of the prelude are computed from their WGSL.
-    #[cfg(any(test, feature = "bench"))]
-    pub(crate) fn load_with<'a>(
+    #[doc(hidden)]
+    pub fn load_with<'a>(
         file: &str,
         text: &str,
         values: impl IntoIterator<Item = (&'a str, &'a str)>,

@@ -49,7 +49,8 @@ impl Mesh {
     }
 
     /// Of a tree that is already built; masked triangles are hit everywhere.
-    pub(crate) fn of(bvh: Arc<Bvh>) -> Self {
+    #[doc(hidden)]
+    pub fn of(bvh: Arc<Bvh>) -> Self {
         Self { tracers: TreeTracers::new(bvh, SimdLevel::detect()) }
     }
 

@@ -59,7 +59,7 @@ pub use mesh::Mesh;
 pub use nearest::NearestPoint;
 pub use world::{World, WorldError, WorldHit};
 
-#[cfg(feature = "bench")]
-pub(crate) use shares::in_shares;
-#[cfg(feature = "bench")]
-pub(crate) use tree_tracers::SHARE_RAYS;
+#[doc(hidden)]
+pub use shares::in_shares;
+#[doc(hidden)]
+pub use tree_tracers::SHARE_RAYS;

@@ -103,6 +103,11 @@ impl Settings {
         Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter, may_end_early: false }
     }
 
+    /// These settings with another size in pixels.
+    pub const fn with_size(self, width: u32, height: u32) -> Self {
+        Self { width, height, ..self }
+    }
+
     /// These settings with another number of samples per pixel.
     pub const fn with_spp(self, spp: u32) -> Self {
         Self { spp, ..self }
@@ -223,8 +228,8 @@ impl Frame {
     ///
     /// # Errors
     /// If the frame does not have all samples of the part, or the part has none, or the camera is invalid.
-    #[cfg(feature = "serve")]
-    pub(crate) fn part_seen_by(&self, camera: &Camera, part: Part) -> Result<Self, SettingsError> {
+    #[doc(hidden)]
+    pub fn part_seen_by(&self, camera: &Camera, part: Part) -> Result<Self, SettingsError> {
         let lens = camera.lens(self.settings.width, self.settings.height)?;
         Ok(Self { lens, ..self.with_part(part)? })
     }

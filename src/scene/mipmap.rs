@@ -65,7 +65,7 @@ impl Mipmap {
 
     /// Levels as [`Mipmap::levels`] gives them. `None` if the words are no levels; whether they are an image's
     /// [`Mipmap::fits`] tells.
-    #[cfg(feature = "serve")]
+    #[cfg(feature = "flat")]
     pub(super) fn of_levels(words: &[u32], mean: Averaging) -> Option<Self> {
         let (levels, rest) = words.as_chunks::<3>();
         let levels = levels.iter().map(|&[first, width, height]| Level { first, width, height }).collect();

@@ -13,9 +13,13 @@ mod environment;
 mod erased_lanes;
 mod fingerprint;
 mod finish;
-#[cfg(feature = "serve")]
+#[cfg(feature = "flat")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod flat;
 mod footprint;
+#[cfg(feature = "formats")]
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod generate;
 mod instance;
 mod light;
 #[cfg(feature = "formats")]

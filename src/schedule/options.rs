@@ -238,6 +238,11 @@ impl Tracers {
         Self { device: Some(device), unit, ..self }
     }
 
+    /// Sets [`Self::unit`].
+    pub fn with_unit(self, unit: Unit) -> Self {
+        Self { unit, ..self }
+    }
+
     /// Sets [`Self::shading`].
     pub fn with_shading(self, shading: Unit) -> Self {
         Self { shading, ..self }

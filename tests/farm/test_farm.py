@@ -1,6 +1,6 @@
 """Runs the templates of examples/farm on a small picture: Open Job Description's by its own tool, the others by
 stand-ins, which set what Slurm, Kubernetes and Flamenco set. Kubernetes' are also checked against its schemas. Needs
-target/release/raystream with the feature farm, node, and, beside this Python, what requirements.txt names.
+target/release/raystream with the feature service, node, and, beside this Python, what requirements.txt names.
 """
 
 import json

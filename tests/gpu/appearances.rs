@@ -1,9 +1,9 @@
 //! Another appearance of a prepared scene keeps the tree on the GPU and has the bytes of a fresh scene on the CPU.
 
-use raystream::bench::meshes;
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
 use raystream::render::Settings;
+use raystream::scene::generate;
 use raystream::scene::{AlphaMode, Material, Scene};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use std::path::Path;
@@ -24,7 +24,7 @@ fn appearances_have_the_bytes_of_fresh_scenes() {
     let service = Service::new(ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2));
     let service = service.expect("threads");
     let units = Units::open(&UnitChoice::auto().with_unit(Unit::Gpu)).expect("units");
-    let scene = meshes::scene(Path::new("leaves:300")).expect("a generated scene");
+    let scene = generate::scene(Path::new("leaves:300")).expect("a generated scene");
     let prepared = PreparedScene::new(scene, &units).expect("a valid scene");
     assert!(prepared.adapter.is_some(), "{:?}", prepared.degraded);
     let changes: [fn(&mut Scene); 4] = [

@@ -26,7 +26,7 @@ SCENE = json.dumps({
 }).encode()
 CHECKS = "not_a_server_error,status_code_conformance,content_type_conformance,response_schema_conformance," \
          "unsupported_method,ignored_auth"
-# Streams of events end when the client leaves; tests/serve reads them.
+# Streams of events end when the client leaves; crates/cli/tests/serve reads them.
 STREAMS = "/events$"
 
 

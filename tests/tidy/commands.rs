@@ -8,8 +8,8 @@ use super::rust::Source;
 use super::text::regex;
 use super::tree::{Tree, is_history};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use raystream::cli::command;
 use raystream::picture::Registry;
+use raystream_cli::command;
 use std::path::Path;
 use std::process::Command;
 
@@ -196,6 +196,23 @@ fn first_line(error: &clap::Error) -> String {
     error.to_string().lines().next().unwrap_or_default().to_string()
 }
 
+/// The text of a target of a member of the workspace.
+fn target<'a>(tree: &'a Tree, folder: &str, name: &str) -> Option<&'a str> {
+    let ends = [format!("{folder}/{name}.rs"), format!("{folder}/{name}/main.rs")];
+    let is_member = |path: &str, end: &str| match path.strip_suffix(end) {
+        Some("") => true,
+        Some(before) => before.starts_with("crates/") && before.matches('/').count() == 2,
+        None => false,
+    };
+    let found = tree.with_extension("rs").find(|(path, _)| ends.iter().any(|end| is_member(path, end)));
+    found.map(|(_, text)| text)
+}
+
+/// True for the manifest of a member of the workspace.
+fn is_manifest(path: &str) -> bool {
+    path == "Cargo.toml" || path.starts_with("crates/") && path.ends_with("/Cargo.toml")
+}
+
 /// Targets and features that cargo is told of exist; arguments of raystream parse.
 fn cargo(tree: &Tree, verb: &str, arguments: &[&str], inline: bool) -> Option<String> {
     let split = arguments.iter().position(|word| *word == "--").unwrap_or(arguments.len());
@@ -206,15 +223,16 @@ fn cargo(tree: &Tree, verb: &str, arguments: &[&str], inline: bool) -> Option<St
         else {
             continue;
         };
-        let file = format!("{folder}/{name}.rs");
-        if !tree.exists(&file) && !tree.exists(&format!("{folder}/{name}/main.rs")) {
+        if target(tree, folder, name).is_none() {
             return Some(format!("there is no {} `{name}`", flag.trim_start_matches('-')));
         }
     }
     let features = after("--features").into_iter().flat_map(|list| list.split(','));
-    let manifest = tree.text("Cargo.toml");
+    let manifests: Vec<&str> =
+        tree.with_extension("toml").filter(|(path, _)| is_manifest(path)).map(|(_, text)| text).collect();
     for feature in features.filter(|feature| !feature.starts_with(|c: char| c.is_ascii_uppercase())) {
-        if !regex(&format!(r"(?m)^{}\s*=\s*\[", regex::escape(feature))).is_match(manifest) {
+        let declared = regex(&format!(r"(?m)^{}\s*=\s*\[", regex::escape(feature)));
+        if !manifests.iter().any(|manifest| declared.is_match(manifest)) {
             return Some(format!("there is no feature `{feature}`"));
         }
     }
@@ -224,11 +242,7 @@ fn cargo(tree: &Tree, verb: &str, arguments: &[&str], inline: bool) -> Option<St
     match after("--example") {
         None => parse(passed, inline),
         Some(example) => {
-            let source = format!(
-                "{}{}",
-                tree.text(&format!("examples/{example}.rs")),
-                tree.text(&format!("examples/{example}/main.rs"))
-            );
+            let source = target(tree, "examples", example).unwrap_or_default();
             if !source.contains("run_with") || passed.is_empty() {
                 return None;
             }
@@ -326,7 +340,7 @@ fn failures(tree: &Tree) -> Vec<Breach> {
 }
 
 fn failure(tree: &Tree, folder: &Path, arguments: &[String]) -> Option<String> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = super::tree::root();
     let absolute = |word: &String| match tree.get(word) {
         Some(_) => root.join(word).to_string_lossy().into_owned(),
         None => word.clone(),

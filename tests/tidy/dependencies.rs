@@ -45,7 +45,7 @@ fn metadata(arguments: &[&str]) -> Option<Value> {
     let output = Command::new(cargo)
         .args(["metadata", "--locked", "--offline", "--format-version", "1"])
         .args(arguments)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .current_dir(super::tree::root())
         .output()
         .expect("cargo starts");
     output.status.success().then(|| serde_json::from_slice(&output.stdout).expect("cargo writes JSON"))

@@ -17,9 +17,9 @@ const CONFINED: &[(&str, &str, &[&str])] = &[
         &["src/device/", "src/trace/gpu/", "src/program/gpu/"],
     ),
     (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/device/", "src/program/", "src/trace/gpu/"]),
-    (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["src/cli/"]),
-    (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["src/cli/", "src/main.rs", "src/profile.rs"]),
-    (r"\bprocess\s*::\s*(exit|abort)\b", "ending the process", &["src/cli/", "src/main.rs"]),
+    (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["crates/cli/src/"]),
+    (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["crates/cli/src/", "src/profile.rs"]),
+    (r"\bprocess\s*::\s*(exit|abort)\b", "ending the process", &["crates/cli/src/"]),
 ];
 
 /// A row of the table.
@@ -64,6 +64,15 @@ fn rows(tree: &Tree, breaches: &mut Vec<Breach>) -> Vec<Row> {
     }
     // `all but a, b` stands for the other rows.
     let modules: Vec<Vec<String>> = rows.iter().map(|row| row.module.clone()).collect();
+    // Modules of one parent name each other without it.
+    for row in rows.iter_mut().filter(|row| row.module.len() > 1) {
+        for entry in row.may.iter_mut().filter(|entry| !modules.contains(entry)) {
+            let sibling: Vec<String> = row.module[..1].iter().chain(&*entry).cloned().collect();
+            if modules.contains(&sibling) {
+                *entry = sibling;
+            }
+        }
+    }
     for (row, _) in rows.iter_mut().zip(excepts).filter(|(_, excepts)| *excepts) {
         let others = modules.iter().filter(|module| **module != row.module && !row.may.contains(module));
         row.may = others.cloned().collect();
@@ -80,8 +89,12 @@ fn listed(cell: &str) -> Vec<Vec<String>> {
 
 /// The module that a file is.
 fn module_of(path: &str) -> Vec<String> {
-    let inner = path.trim_start_matches("src/").trim_end_matches(".rs");
+    let inner = path.trim_start_matches("crates/").trim_start_matches("src/").trim_end_matches(".rs");
     let mut parts: Vec<String> = inner.split('/').map(str::to_string).collect();
+    if path.starts_with("crates/") {
+        // A member of the workspace is a module of its own, whose files lie in `src`.
+        parts.remove(1);
+    }
     if matches!(parts.last().map(String::as_str), Some("mod" | "lib" | "main")) {
         parts.pop();
     }
@@ -92,7 +105,7 @@ fn module_of(path: &str) -> Vec<String> {
 fn test_modules(tree: &Tree) -> BTreeSet<String> {
     let declared = regex(r"#\[cfg\((?:all\()?test\b[^\]]*\)\]\s*(?:pub(?:\([^)]*\))?\s+)?mod\s+(\w+)\s*;");
     let mut modules = BTreeSet::new();
-    for (path, text) in tree.with_extension("rs").filter(|(path, _)| path.starts_with("src/")) {
+    for (path, text) in tree.with_extension("rs").filter(|(path, _)| is_code(path)) {
         for found in declared.captures_iter(text) {
             let folder = match path.rsplit('/').next() {
                 Some("mod.rs" | "lib.rs" | "main.rs") => folder_of(path).to_string(),
@@ -105,8 +118,14 @@ fn test_modules(tree: &Tree) -> BTreeSet<String> {
     modules
 }
 
-/// Paths that begin with `crate` or `super` in some code of a module.
-fn imports(code: &str, module: &[String]) -> Vec<Import> {
+/// True for the files of a library or program.
+fn is_code(path: &str) -> bool {
+    path.starts_with("src/") || path.starts_with("crates/") && path.split('/').nth(2) == Some("src")
+}
+
+/// Paths that begin with `crate`, `super` or the name of a package in some code of a module of a package: `None` for
+/// the engine, else the name of its folder.
+fn imports(code: &str, module: &[String], package: Option<&str>) -> Vec<Import> {
     let inline = regex(r"\bmod\s+(\w+)\s*\{");
     let spans: Vec<_> = (inline.captures_iter(code))
         .map(|found| {
@@ -115,7 +134,7 @@ fn imports(code: &str, module: &[String]) -> Vec<Import> {
         })
         .collect();
     let mut imports = Vec::new();
-    for found in regex(r"\b(crate|super)\s*::").find_iter(code) {
+    for found in regex(r"\b(crate|super|raystream(_\w+)?)\s*::").find_iter(code) {
         let before = code[..found.start()].trim_end();
         if before.ends_with("::") {
             continue;
@@ -127,9 +146,12 @@ fn imports(code: &str, module: &[String]) -> Vec<Import> {
         read_path(code, found.start(), &[], &mut paths);
         for path in paths {
             let ups = path.iter().take_while(|part| *part == "super").count();
-            let (base, rest) = match path.first().map(String::as_str) {
-                Some("crate") => (&here[..0], &path[1..]),
-                _ => (&here[..here.len().saturating_sub(ups)], &path[ups..]),
+            let first = path.first().map_or("", String::as_str);
+            let (base, rest) = match (first, first.strip_prefix("raystream")) {
+                ("crate", _) => (package.map(str::to_owned).into_iter().collect(), &path[1..]),
+                (_, Some("")) => (Vec::new(), &path[1..]),
+                (_, Some(other)) => (vec![other.trim_start_matches('_').to_owned()], &path[1..]),
+                _ => (here[..here.len().saturating_sub(ups)].to_vec(), &path[ups..]),
             };
             let path = base.iter().chain(rest).cloned().collect();
             imports.push(Import { line: line_of(code, found.start()), path });
@@ -185,7 +207,7 @@ fn breaches(tree: &Tree) -> Vec<Breach> {
     let mut modules = BTreeSet::new();
     for (path, text) in tree.with_extension("rs") {
         let of_tests = tests.iter().any(|test| path == test || test.ends_with('/') && path.starts_with(test));
-        if !path.starts_with("src/") || of_tests {
+        if !is_code(path) || of_tests {
             continue;
         }
         let code = Source::of(text).code_without_tests();
@@ -203,7 +225,8 @@ fn breaches(tree: &Tree) -> Vec<Breach> {
             breaches.push(Breach::new(path, 1, format!("`{}` has no row in {MAP}", module.join("::"))));
             continue;
         }
-        for import in imports(&code, &module) {
+        let package = path.strip_prefix("crates/").and_then(|path| path.split('/').next());
+        for import in imports(&code, &module, package) {
             let own = row.map_or(&module, |row| &row.module);
             check(&rows, row, own, path, &import, &mut used, &mut breaches);
         }

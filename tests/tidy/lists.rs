@@ -4,8 +4,8 @@ use super::breach::Breach;
 use super::markdown::{names, tables};
 use super::text::regex;
 use super::tree::Tree;
-use raystream::cli::command;
 use raystream::picture::Registry;
+use raystream_cli::command;
 
 /// The page of all commands.
 const COMMANDS: &str = "docs/guide/command-line.md";

@@ -9,8 +9,8 @@ use super::pins::PINS;
 use super::rust::Source;
 use super::text::{Running, line_of, regex};
 use super::tree::{Tree, is_history};
-use raystream::cli::command;
 use raystream::picture::Registry;
+use raystream_cli::command;
 use std::collections::BTreeSet;
 
 /// Pages that tell what was measured, with the numbers of their day.

@@ -14,7 +14,7 @@ fn package(arguments: &[&str]) -> String {
     let output = Command::new(cargo)
         .args(["package", "--locked", "--offline", "--allow-dirty", "--no-verify"])
         .args(arguments)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .current_dir(super::tree::root())
         .output()
         .expect("cargo starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -56,7 +56,7 @@ fn the_package_has_what_its_code_includes() {
     let list = package(&["--list"]);
     let packaged: BTreeSet<&str> = list.lines().collect();
     let read = |file: &str| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        let path = super::tree::root().join(file);
         std::fs::read_to_string(path).expect("the package's files are there")
     };
     let code = packaged.iter().filter(|file| file.ends_with(".rs"));

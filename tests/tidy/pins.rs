@@ -6,9 +6,8 @@ use raystream::lanes::MAX_LANES;
 use raystream::render::{PASSES_IN_FLIGHT, Settings};
 use raystream::schedule::{JobOptions, ServiceOptions};
 use raystream::stream::{Hit, MISS, Ray};
-use std::path::Path;
 
-const OPTIONS: &str = "src/cli/args/saving.rs";
+const OPTIONS: &str = "crates/cli/src/args/saving.rs";
 const WATCHDOG: &str = "src/trace/gpu/watchdog.rs";
 
 /// All of them.
@@ -39,7 +38,7 @@ pub const PINS: &[(&str, Value)] = &[
     ("[default: 64; {n} with --seconds", Constant("src/picture/spec/", "OPEN_ENDED_SPP")),
     (
         "a task, with 1 to {n} threads",
-        Expression("src/cli/args/bench.rs", r#"default_value = "1,2,4[\d,]*,(\d+)""#),
+        Expression("crates/cli/src/args/bench.rs", r#"default_value = "1,2,4[\d,]*,(\d+)""#),
     ),
     ("{n} generated triangles", Is(showcase_triangles)),
     ("in file order; {n} for a miss", Is(|| f64::from(MISS))),
@@ -76,6 +75,6 @@ pub const PINS: &[(&str, Value)] = &[
 
 /// README's first picture.
 fn showcase_triangles() -> f64 {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/showcase.json");
+    let path = super::tree::root().join("scenes/showcase.json");
     raystream::scene::load::load(&path).expect("the showcase loads").mesh.triangles.len() as f64
 }

@@ -40,7 +40,7 @@ fn the_list_of_options_is_what_the_program_declares() {
     let (found, after) = rest.split_once(END).expect("the list ends");
     let list = list();
     if std::env::var_os("RAYSTREAM_BLESS").is_some() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(PAGE);
+        let path = super::tree::root().join(PAGE);
         std::fs::write(path, format!("{before}{BEGIN}{list}{END}{after}")).expect("the page is written");
         return;
     }

@@ -28,13 +28,18 @@ pub struct Tree {
     files: BTreeMap<String, File>,
 }
 
+/// The root of the repository: the test is one of the command line's package.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("the workspace")
+}
+
 impl Tree {
     /// The repository's, read once.
     pub fn repository() -> &'static Self {
         static TREE: OnceLock<Tree> = OnceLock::new();
         TREE.get_or_init(|| {
             let mut tree = Self::default();
-            tree.read(Path::new(env!("CARGO_MANIFEST_DIR")), "");
+            tree.read(root(), "");
             assert!(tree.files.len() > 100, "the repository has more than a hundred files");
             tree
         })

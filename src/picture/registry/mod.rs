@@ -76,11 +76,11 @@ impl IntegratorParams {
     }
 }
 
-/// Integrators and surfaces by name. Your own binary can add to those of `raystream`:
+/// Integrators and surfaces by name. Your own binary can add to those of `raystream`, and pass them to
+/// `raystream_cli::run_with`, which is the command line:
 ///
-/// ```no_run
+/// ```
 /// use glam::Vec3;
-/// use raystream::cli::run_with;
 /// use raystream::picture::Registry;
 /// use raystream::render::{RayHit, RayShader};
 ///
@@ -95,21 +95,19 @@ impl IntegratorParams {
 ///     }
 /// }
 ///
-/// fn main() -> std::process::ExitCode {
-///     let registry = Registry::built_in()
-///         .with("near", "White near by, black far away", |params| {
-///             let range = params.options.parse("range")?;
-///             params.per_ray(Near { range })
-///         })
-///         .with_option("near", "range", "10", "Distance that is black");
-///     run_with(registry) // my-binary render scene.glb --integrator near --set range=3
-/// }
+/// let registry = Registry::built_in()
+///     .with("near", "White near by, black far away", |params| {
+///         let range = params.options.parse("range")?;
+///         params.per_ray(Near { range })
+///     })
+///     .with_option("near", "range", "10", "Distance that is black");
+/// // With `run_with(registry)`: my-binary render scene.glb --integrator near --set range=3
+/// # drop(registry);
 /// ```
 ///
 /// Your surfaces replace those of all materials with a given name, in any scene file:
 ///
-/// ```no_run
-/// use raystream::cli::run_with;
+/// ```
 /// use raystream::picture::Registry;
 /// # use raystream::lanes::{Lanes, Vector};
 /// # use raystream::scene::{Finish, Points, Procedural};
@@ -122,9 +120,8 @@ impl IntegratorParams {
 /// #     }
 /// # }
 ///
-/// fn main() -> std::process::ExitCode {
-///     run_with(Registry::built_in().with_surface("plinth", ProceduralSurface::new(Wood)))
-/// }
+/// let registry = Registry::built_in().with_surface("plinth", ProceduralSurface::new(Wood));
+/// # drop(registry);
 /// ```
 #[derive(Clone)]
 pub struct Registry {

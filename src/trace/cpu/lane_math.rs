@@ -6,20 +6,20 @@
 use crate::lanes::Lanes;
 
 /// A 3-D vector per lane, as x, y and z.
-pub(crate) type LaneVec3<L> = [<L as Lanes>::F; 3];
+pub type LaneVec3<L> = [<L as Lanes>::F; 3];
 
 #[inline(always)]
-pub(super) fn add<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
+pub fn add<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
     [l.add(a[0], b[0]), l.add(a[1], b[1]), l.add(a[2], b[2])]
 }
 
 #[inline(always)]
-pub(super) fn sub<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
+pub fn sub<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
     [l.sub(a[0], b[0]), l.sub(a[1], b[1]), l.sub(a[2], b[2])]
 }
 
 #[inline(always)]
-pub(super) fn cross<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
+pub fn cross<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<L> {
     [
         l.fms(a[1], b[2], l.mul(a[2], b[1])),
         l.fms(a[2], b[0], l.mul(a[0], b[2])),
@@ -28,12 +28,12 @@ pub(super) fn cross<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> LaneVec3<
 }
 
 #[inline(always)]
-pub(super) fn dot<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> L::F {
+pub fn dot<L: Lanes>(l: L, a: LaneVec3<L>, b: LaneVec3<L>) -> L::F {
     l.fma(a[0], b[0], l.fma(a[1], b[1], l.mul(a[2], b[2])))
 }
 
 /// The largest absolute value of the three coordinates.
 #[inline(always)]
-pub(super) fn max_abs<L: Lanes>(l: L, a: LaneVec3<L>) -> L::F {
+pub fn max_abs<L: Lanes>(l: L, a: LaneVec3<L>) -> L::F {
     l.max_abs(l.max_abs(a[0], a[1]), a[2])
 }

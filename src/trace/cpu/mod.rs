@@ -45,7 +45,8 @@ mod few_rays;
 mod instance_space;
 mod instances;
 mod interval;
-pub(crate) mod lane_math;
+#[doc(hidden)]
+pub mod lane_math;
 mod leaf;
 mod oracle;
 mod packet;
@@ -57,13 +58,17 @@ pub(crate) mod ray_triangle_pairs;
 mod setup;
 mod shaft;
 mod single;
-pub(crate) mod slabs;
+#[doc(hidden)]
+#[expect(missing_debug_implementations, reason = "lanes of kernels")]
+pub mod slabs;
 mod split_substreams;
 mod substream;
 mod tracer;
 mod traversal;
 mod tree_view;
-pub(crate) mod triangle;
+#[doc(hidden)]
+#[expect(missing_debug_implementations, reason = "lanes of kernels")]
+pub mod triangle;
 mod visit_order;
 
 pub use crate::lanes::{SimdError, SimdLevel};

@@ -6,12 +6,12 @@ use crate::geom::CanonicalRay;
 use crate::lanes::{LaneBits, Lanes, each, keep, load_eights, load_one, splat};
 
 /// The boxes of a node's eight slots, as `[lower, upper][axis][slot]`.
-pub(super) type Boxes = [[[f32; WIDTH]; 3]; 2];
+pub type Boxes = [[[f32; WIDTH]; 3]; 2];
 
 /// The faces of a node's boxes across each axis, in the order in which rays of one octant cross them. Each face has one
 /// coordinate per slot.
 #[derive(Clone, Copy)]
-pub(super) struct Faces<'a> {
+pub struct Faces<'a> {
     pub near: [&'a [f32; WIDTH]; 3],
     pub far: [&'a [f32; WIDTH]; 3],
 }
@@ -54,10 +54,10 @@ impl<'a> Faces<'a> {
 
 /// The slab test's constants of rays: a ray crosses the plane at coordinate `x` of an axis at `x * inverse + near`
 /// where it enters a slab, and at `x * inverse + far` where it leaves one.
-pub(crate) struct Slabs<L: Lanes> {
-    pub(super) inverse: LaneVec3<L>,
-    pub(super) near: LaneVec3<L>,
-    pub(super) far: LaneVec3<L>,
+pub struct Slabs<L: Lanes> {
+    pub inverse: LaneVec3<L>,
+    pub near: LaneVec3<L>,
+    pub far: LaneVec3<L>,
 }
 
 impl<L: Lanes> Slabs<L> {
@@ -87,7 +87,7 @@ impl<L: Lanes> Slabs<L> {
 
     /// Distances at which rays enter and leave boxes with these faces, behind the origin too.
     #[inline(always)]
-    pub(super) fn entry_and_exit(&self, l: L, near: LaneVec3<L>, far: LaneVec3<L>) -> (L::F, L::F) {
+    pub fn entry_and_exit(&self, l: L, near: LaneVec3<L>, far: LaneVec3<L>) -> (L::F, L::F) {
         let ([ex, ey, ez], [lx, ly, lz]) = self.plane_distances(l, near, far);
         (l.max(l.max(ex, ey), ez), l.min(l.min(lx, ly), lz))
     }
@@ -95,14 +95,7 @@ impl<L: Lanes> Slabs<L> {
     /// Rays against one box: the lanes of `among` whose ray is inside the box of a slot somewhere in `0..=limit`.
     /// Whether it is inside after `t_min` is left to the triangle test.
     #[inline(always)]
-    pub(super) fn enter_box(
-        &self,
-        l: L,
-        among: LaneBits,
-        faces: &Faces<'_>,
-        slot: usize,
-        limit: L::F,
-    ) -> LaneBits {
+    pub fn enter_box(&self, l: L, among: LaneBits, faces: &Faces<'_>, slot: usize, limit: L::F) -> LaneBits {
         let Faces { near, far } = *faces;
         let near = [l.splat(near[0][slot]), l.splat(near[1][slot]), l.splat(near[2][slot])];
         let far = [l.splat(far[0][slot]), l.splat(far[1][slot]), l.splat(far[2][slot])];
@@ -111,7 +104,7 @@ impl<L: Lanes> Slabs<L> {
 
     /// One ray against eight boxes: the slots whose box it enters. Each eight lanes hold a node and a ray of their own.
     #[inline(always)]
-    pub(super) fn enter_boxes(&self, l: L, faces: &[Faces<'_>; 2], limit: L::F) -> LaneBits {
+    pub fn enter_boxes(&self, l: L, faces: &[Faces<'_>; 2], limit: L::F) -> LaneBits {
         let (near, far) = Faces::load_pair(l, faces);
         self.enter(l, L::ALL, near, far, limit)
     }
@@ -119,7 +112,7 @@ impl<L: Lanes> Slabs<L> {
     /// Distances at which a ray, the same in all eight lanes, enters and leaves the box of each slot, cut off at 0 and
     /// at `limit`.
     #[inline(always)]
-    pub(super) fn clamped_distances(&self, l: L, faces: &Faces<'_>, limit: L::F) -> (L::F, L::F) {
+    pub fn clamped_distances(&self, l: L, faces: &Faces<'_>, limit: L::F) -> (L::F, L::F) {
         let (near, far) = Faces::load_pair(l, &[*faces; 2]);
         let ([x, y, z], [u, v, w]) = self.plane_distances(l, near, far);
         let enter = l.max(l.max(x, y), l.max(z, l.splat(0.0)));

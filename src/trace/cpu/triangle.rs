@@ -11,13 +11,13 @@ use crate::lanes::{LaneBits, Lanes, zip};
 
 /// Lines of rays, one per lane.
 #[derive(Clone, Copy)]
-pub(crate) struct Lines<L: Lanes> {
+pub struct Lines<L: Lanes> {
     pub origin: LaneVec3<L>,
     pub direction: LaneVec3<L>,
 }
 
 /// The bounding boxes of triangles.
-pub(super) struct Bounds<L: Lanes> {
+pub struct Bounds<L: Lanes> {
     pub low: LaneVec3<L>,
     pub high: LaneVec3<L>,
 }
@@ -50,14 +50,14 @@ impl<L: Lanes> Bounds<L> {
 }
 
 /// The faces of triangles' bounding boxes across each axis, in the order in which rays of one octant cross them.
-pub(super) struct BoundsFaces<L: Lanes> {
+pub struct BoundsFaces<L: Lanes> {
     pub near: LaneVec3<L>,
     pub far: LaneVec3<L>,
 }
 
 /// The corners of triangles relative to the rays' origins.
 #[inline(always)]
-pub(super) fn relative_corners<L: Lanes>(
+pub fn relative_corners<L: Lanes>(
     l: L,
     origin: &LaneVec3<L>,
     triangle: &[LaneVec3<L>; 3],
@@ -101,7 +101,7 @@ impl<L: Lanes> Edges<L> {
 }
 
 /// The terms of the test that depend on the origin but not on the direction, for many rays from one origin.
-pub(super) struct OriginTerms<L: Lanes> {
+pub struct OriginTerms<L: Lanes> {
     /// The vectors whose dot products with a direction are the [`EdgeValues`].
     pub edge_normals: [LaneVec3<L>; 3],
     /// The triangles' normals: on either side, as long as twice the area.
@@ -122,7 +122,7 @@ impl<L: Lanes> OriginTerms<L> {
 /// The values of a triangle's three edge functions for a ray's line: the barycentric weights of the second, the third
 /// and the first corner, before they are divided by their sum.
 #[derive(Clone, Copy)]
-pub(super) struct EdgeValues<L: Lanes> {
+pub struct EdgeValues<L: Lanes> {
     pub u: L::F,
     pub v: L::F,
     pub w: L::F,
@@ -175,7 +175,7 @@ impl<L: Lanes> EdgeValues<L> {
 }
 
 /// Hits in the lanes of a mask.
-pub(crate) struct LaneHits<L: Lanes> {
+pub struct LaneHits<L: Lanes> {
     pub mask: LaneBits,
     pub t: L::F,
     pub u: L::F,
@@ -183,7 +183,7 @@ pub(crate) struct LaneHits<L: Lanes> {
 }
 
 /// Limits of the hits of rays, besides the triangle.
-pub(crate) struct Limits<'a, L: Lanes> {
+pub struct Limits<'a, L: Lanes> {
     pub slabs: &'a Slabs<L>,
     /// The octant of all rays.
     pub octant: usize,
@@ -196,7 +196,7 @@ pub(crate) struct Limits<'a, L: Lanes> {
 const LEAST_SUM: f32 = f32::from_bits(0x20_0001);
 
 /// The dot products of a triangle's normal that give the distance to its plane.
-pub(super) struct PlaneProducts<L: Lanes> {
+pub struct PlaneProducts<L: Lanes> {
     /// With the first corner, relative to the origin.
     pub distance: L::F,
     /// With the ray's direction.
@@ -229,7 +229,7 @@ fn hit_distance<L: Lanes>(
 
 /// The second part of the test, with barycentric weights, for triangles whose [`OriginTerms`] are known.
 #[inline(always)]
-pub(super) fn hits_of_origin<L: Lanes>(
+pub fn hits_of_origin<L: Lanes>(
     l: L,
     inside: LaneBits,
     edges: &EdgeValues<L>,
@@ -244,7 +244,7 @@ pub(super) fn hits_of_origin<L: Lanes>(
 
 /// The second part of the test, without barycentric weights: which lanes of `inside` hit, and at which `t`.
 #[inline(always)]
-pub(super) fn hits_inside<L: Lanes>(
+pub fn hits_inside<L: Lanes>(
     l: L,
     inside: LaneBits,
     lines: &Lines<L>,
@@ -261,7 +261,7 @@ pub(super) fn hits_inside<L: Lanes>(
 
 /// The whole test; `None` if no lane's line passes through the triangle.
 #[inline(always)]
-pub(crate) fn test<L: Lanes>(
+pub fn test<L: Lanes>(
     l: L,
     among: LaneBits,
     lines: &Lines<L>,

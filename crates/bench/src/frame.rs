@@ -1,0 +1,347 @@
+//! `raystream bench frame`: RA's ladder (RA section 5, Table 1). The same frame is path traced by configurations that
+//! each add one thing to the one before, in one process, in interleaved rounds.
+
+use super::Spread;
+use raystream::engine::PreparedScene;
+use raystream::film::Image;
+use raystream::lanes::SimdLevel;
+use raystream::meters::Meters;
+use raystream::render::{PathTracer, RayByRay, Settings, SettingsError, render_single_rays};
+use raystream::scene::Camera;
+use raystream::schedule::{
+    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, TaskKind, Tracers,
+    Unit,
+};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A way of rendering the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Configuration {
+    /// A plain renderer: each thread follows one path after the other. No streams, no scheduler; the same
+    /// shaders.
+    #[serde(rename = "SINGLERAY")]
+    SingleRay,
+    /// With streams and scheduler, but tracing and shading ray by ray: the cost of the scheduler.
+    #[serde(rename = "RA SINGLERAY")]
+    RaSingleRay,
+    /// Traces streams, shades sorted batches in one lane.
+    #[serde(rename = "RA PACKET")]
+    RaPacket,
+    /// Shades in SIMD lanes too.
+    #[serde(rename = "RA SIMD")]
+    RaSimd,
+    /// With the GPU, helped by the CPU.
+    #[serde(rename = "RA HYBRID")]
+    RaHybrid,
+}
+
+impl Configuration {
+    /// All of them, each with one thing more than the one before.
+    pub const ALL: [Self; 5] =
+        [Self::SingleRay, Self::RaSingleRay, Self::RaPacket, Self::RaSimd, Self::RaHybrid];
+
+    /// Its name in RA.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SingleRay => "SINGLERAY",
+            Self::RaSingleRay => "RA SINGLERAY",
+            Self::RaPacket => "RA PACKET",
+            Self::RaSimd => "RA SIMD",
+            Self::RaHybrid => "RA HYBRID",
+        }
+    }
+}
+
+/// The frame, and how often it is rendered.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Size, samples, depth and seed of the frame.
+    pub settings: Settings,
+    /// The camera.
+    pub camera: Camera,
+    /// Rounds; each configuration renders the frame once a round.
+    pub repeats: usize,
+    /// The scheduling policy; by default the one for the units in use.
+    pub policy: Option<Policy>,
+}
+
+/// One configuration's speed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Its name.
+    pub configuration: &'static str,
+    /// The unit that traced: `cpu`, or the adapter's name.
+    pub unit: String,
+    /// Host threads.
+    pub threads: usize,
+    /// SIMD level of the CPU tracer.
+    pub simd: &'static str,
+    /// Millions of rays per second of the whole frame: tracing, shading, scheduling, film.
+    pub mray_per_s: Spread,
+    /// Seconds of the whole frame.
+    pub seconds: Spread,
+    /// Thread time of shade tasks (sorting, shading, adding to the film, emitting rays) for each ray traced; absent
+    /// without streams.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shade_ns_per_ray: Option<Spread>,
+    /// Ratio of medians of `mray_per_s` against the first row's, by its name.
+    pub ratio: BTreeMap<&'static str, f64>,
+    /// Energy of a frame by meter, in joules: the mean over the rounds, with the film's allocation and hashing. Empty
+    /// where no meter can be read.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub joules: BTreeMap<String, f64>,
+    /// The picture's hash, the same in every round.
+    pub hash: String,
+    /// Failures on the way, one sentence each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<String>,
+}
+
+/// The results of all configurations.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Rays of the frame.
+    pub rays: RayCounts,
+    /// One for each configuration, in the ladder's order.
+    pub rows: Vec<Row>,
+    /// Pictures that differ from the first one, by configuration and hash. None may: the picture does not depend on the
+    /// configuration.
+    pub differing: Vec<(&'static str, String)>,
+}
+
+/// Error of measuring a frame.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The job's sizes contradict each other.
+    #[error(transparent)]
+    Limits(#[from] LimitsError),
+    /// A frame failed.
+    #[error("{configuration} failed: {error}")]
+    Job {
+        /// The frame's configuration.
+        configuration: &'static str,
+        /// The job's error.
+        error: JobError,
+    },
+}
+
+/// A prepared scene and the service that renders it.
+#[derive(Debug, Clone, Copy)]
+pub struct Bench<'a> {
+    /// The scene with its tree and tracers.
+    pub prepared: &'a PreparedScene,
+    /// The threads.
+    pub service: &'a Service,
+    /// SIMD level of the CPU tracer.
+    pub simd: SimdLevel,
+    /// The frame.
+    pub options: Options,
+}
+
+/// A frame that has been rendered.
+struct Rendered {
+    seconds: f64,
+    /// Thread time of shade tasks, if there were any.
+    shade_s: Option<f64>,
+    rays: RayCounts,
+    hash: String,
+    events: Vec<String>,
+}
+
+/// Number of rays that a shader works on at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shading {
+    OneLane,
+    Lanes,
+}
+
+impl Bench<'_> {
+    /// The configurations that this machine can measure: RA HYBRID needs an adapter.
+    pub fn configurations(&self) -> Vec<Configuration> {
+        let has_device = self.prepared.tracers.device.is_some();
+        Configuration::ALL.into_iter().filter(|&c| has_device || c != Configuration::RaHybrid).collect()
+    }
+
+    /// Measures RA's ladder.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn ladder(&self) -> Result<Report, FrameError> {
+        let contenders = self.configurations().into_iter().map(|configuration| Contender {
+            name: configuration.name(),
+            unit: self.unit_name(configuration == Configuration::RaHybrid),
+            frame: Box::new(move || self.configuration(configuration)),
+        });
+        self.measure(contenders.collect())
+    }
+
+    /// Measures the policies: with a GPU all of them and each unit alone, else those that differ without one.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn policies(&self) -> Result<Report, FrameError> {
+        let mut plans = Vec::new();
+        if self.prepared.tracers.device.is_some() {
+            plans.extend(Policy::ALL.map(|policy| (policy.name(), Unit::Hybrid, policy)));
+            plans.push(("gpu alone", Unit::Gpu, Policy::RayAccelerator));
+        }
+        plans.push(("cpu, shade-first", Unit::Cpu, Policy::ShadeFirst));
+        plans.push(("cpu, ra", Unit::Cpu, Policy::RayAccelerator));
+        let contenders = plans.into_iter().map(|(name, unit, policy)| Contender {
+            name,
+            unit: self.unit_name(unit != Unit::Cpu),
+            frame: Box::new(move || {
+                let path = self.path(Shading::Lanes)?;
+                let tracers = self.prepared.tracers.clone().with_unit(unit);
+                let options = JobOptions::default().with_policy(policy);
+                self.frame(name, &path, path.clone(), tracers, options)
+            }),
+        });
+        self.measure(contenders.collect())
+    }
+
+    fn unit_name(&self, device: bool) -> String {
+        match &self.prepared.adapter {
+            Some(adapter) if device => adapter.clone(),
+            _ => "cpu".to_owned(),
+        }
+    }
+
+    /// The integrator of the frame. As in RA, paths end by depth alone.
+    fn path(&self, shading: Shading) -> Result<Arc<PathTracer>, FrameError> {
+        let Options { settings, camera, .. } = self.options;
+        let simd = match shading {
+            Shading::OneLane => SimdLevel::Scalar,
+            Shading::Lanes => self.simd,
+        };
+        Ok(Arc::new(PathTracer::new(self.prepared.scene.clone(), &camera, settings, None)?.with_simd(simd)))
+    }
+
+    fn configuration(&self, configuration: Configuration) -> Result<Rendered, FrameError> {
+        let cpu = Tracers::cpu(self.prepared.tracers.host.clone());
+        let name = configuration.name();
+        let options = JobOptions::default().with_policy(self.options.policy).with_timeline(true);
+        match configuration {
+            Configuration::SingleRay => {
+                let path = self.path(Shading::OneLane)?;
+                let started = Instant::now();
+                let rays =
+                    render_single_rays(&*path, &*self.prepared.single_ray, self.service.host_threads());
+                Ok(rendered(started.elapsed().as_secs_f64(), &path, rays, Vec::new()))
+            }
+            Configuration::RaSingleRay => {
+                let path = self.path(Shading::OneLane)?;
+                let tracers = Tracers::cpu(self.prepared.single_ray.clone());
+                self.frame(name, &path, Arc::new(RayByRay(path.clone())), tracers, options)
+            }
+            Configuration::RaPacket => {
+                let path = self.path(Shading::OneLane)?;
+                self.frame(name, &path, path.clone(), cpu, options)
+            }
+            Configuration::RaSimd => {
+                let path = self.path(Shading::Lanes)?;
+                self.frame(name, &path, path.clone(), cpu, options)
+            }
+            Configuration::RaHybrid => {
+                let path = self.path(Shading::Lanes)?;
+                let tracers = self.prepared.tracers.clone().with_unit(Unit::Hybrid);
+                self.frame(name, &path, path.clone(), tracers, options)
+            }
+        }
+    }
+
+    /// Renders a frame with the scheduler.
+    fn frame<R: Renderer + 'static>(
+        &self,
+        configuration: &'static str,
+        path: &PathTracer,
+        renderer: Arc<R>,
+        tracers: Tracers,
+        options: JobOptions,
+    ) -> Result<Rendered, FrameError> {
+        let started = Instant::now();
+        let outcome = self.service.submit(renderer, tracers, options)?.wait();
+        let seconds = started.elapsed().as_secs_f64();
+        let JobReport { rays, events, timeline, .. } =
+            outcome.map_err(|error| FrameError::Job { configuration, error })?;
+        let shading = timeline.iter().filter(|task| task.kind == TaskKind::Shade);
+        let shade_ns: u64 = shading.map(|task| task.end_ns - task.start_ns).sum();
+        let shade_s = (shade_ns > 0).then_some(shade_ns as f64 * 1e-9);
+        Ok(Rendered { shade_s, ..rendered(seconds, path, rays, events) })
+    }
+
+    /// Renders the frame with each contender, in interleaved rounds.
+    fn measure(&self, mut contenders: Vec<Contender<'_>>) -> Result<Report, FrameError> {
+        let mut seconds = vec![Vec::new(); contenders.len()];
+        let mut shade_ns = vec![Vec::new(); contenders.len()];
+        let mut events = vec![Vec::new(); contenders.len()];
+        let mut joules = vec![BTreeMap::new(); contenders.len()];
+        let mut first: Option<(String, RayCounts)> = None;
+        let mut differing = Vec::new();
+        for round in 0..=self.options.repeats {
+            for (i, contender) in contenders.iter_mut().enumerate() {
+                let meters = Meters::start();
+                let frame = (contender.frame)()?;
+                let (hash, rays) = first.get_or_insert_with(|| (frame.hash.clone(), frame.rays));
+                if (&frame.hash, &frame.rays) != (hash, rays) {
+                    differing.push((contender.name, frame.hash));
+                }
+                for event in frame.events {
+                    if !events[i].contains(&event) {
+                        events[i].push(event);
+                    }
+                }
+                // The first round warms caches and allocates streams.
+                if round > 0 {
+                    seconds[i].push(frame.seconds);
+                    shade_ns[i].extend(frame.shade_s.map(|s| s * 1e9 / frame.rays.total() as f64));
+                    for (meter, spent) in meters.joules() {
+                        *joules[i].entry(meter).or_insert(0.0) += spent / self.options.repeats as f64;
+                    }
+                }
+            }
+        }
+        let (hash, rays) = first.expect("there is a round and a configuration");
+        let mut rows: Vec<Row> = Vec::new();
+        let measured = contenders.iter().zip(seconds).zip(shade_ns).zip(events).zip(joules);
+        for ((((contender, seconds), shade_ns), events), joules) in measured {
+            let rates = seconds.iter().map(|seconds| rays.total() as f64 / (seconds * 1e6)).collect();
+            let mray_per_s = Spread::of_rates(rates);
+            let reference = rows.first().map_or(mray_per_s.median, |row| row.mray_per_s.median);
+            let against = rows.first().map_or(contender.name, |row| row.configuration);
+            rows.push(Row {
+                configuration: contender.name,
+                unit: contender.unit.clone(),
+                threads: self.service.host_threads(),
+                simd: self.simd.name(),
+                mray_per_s,
+                seconds: Spread::of_times(seconds),
+                shade_ns_per_ray: (!shade_ns.is_empty()).then(|| Spread::of_times(shade_ns)),
+                ratio: BTreeMap::from([(against, mray_per_s.median / reference)]),
+                joules,
+                hash: hash.clone(),
+                events,
+            });
+        }
+        Ok(Report { rays, rows, differing })
+    }
+}
+
+/// A way of rendering the frame, and the function that renders it once.
+struct Contender<'a> {
+    name: &'static str,
+    unit: String,
+    frame: Box<dyn FnMut() -> Result<Rendered, FrameError> + 'a>,
+}
+
+fn rendered(seconds: f64, path: &PathTracer, rays: RayCounts, events: Vec<String>) -> Rendered {
+    let film = path.film();
+    let image = Image::new(film.width(), film.height(), film.resolve());
+    Rendered { seconds, shade_s: None, rays, hash: image.hash(), events }
+}

@@ -1,0 +1,27 @@
+//! Speed beside its peers: what `raystream bench` measures.
+
+pub mod adaptive;
+pub mod build;
+pub mod embree;
+pub mod frame;
+pub mod latency;
+#[cfg(feature = "service")]
+pub mod live;
+pub mod noise;
+mod order;
+pub mod pictures;
+#[cfg(feature = "service")]
+pub mod plan;
+pub mod rays;
+pub mod schedule;
+pub mod shaders;
+pub mod small;
+pub mod tables;
+pub mod tail;
+pub mod textures;
+pub mod triangle_test;
+mod workload;
+
+pub use order::Order;
+pub use raystream::meters::Spread;
+pub use workload::{Kind, Workload};

@@ -1,0 +1,267 @@
+//! Machines: they lease units, fetch scenes, render, send.
+
+use super::clock::{Time, time};
+use super::coordinator::Question;
+use super::shared::Shared;
+use super::simulator::{Begun, Event, Simulator};
+use raystream_service::contract::{BEATS, PART_BYTES};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// How long a unit that its worker is not to render rests.
+const REST_S: f64 = 1.0;
+
+/// A slot of a machine; after a failure the machine has another life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Slot {
+    pub machine: u32,
+    pub life: u32,
+}
+
+/// What a machine does.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Task {
+    /// It reads the scene of a job.
+    Read(u32),
+    /// It renders a unit.
+    Render(u32),
+}
+
+/// How far a machine is with a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scene {
+    Absent,
+    Coming,
+    OnDisk,
+    Ready,
+}
+
+/// A machine.
+#[derive(Debug)]
+pub(super) struct Machine {
+    life: u32,
+    is_there: bool,
+    /// When its last life ended.
+    gone: Time,
+    pub processor: Shared<Task>,
+    scenes: Vec<Scene>,
+    /// Units that wait for a scene.
+    blocked: Vec<u32>,
+    /// Units that it has leased.
+    units: Vec<u32>,
+}
+
+impl Machine {
+    pub fn new(jobs: usize) -> Self {
+        Self {
+            life: 0,
+            is_there: false,
+            gone: 0,
+            processor: Shared::new(1.0, 1.0),
+            scenes: vec![Scene::Absent; jobs],
+            blocked: Vec::new(),
+            units: Vec::new(),
+        }
+    }
+}
+
+impl Simulator<'_> {
+    fn slot(&self, machine: u32) -> Slot {
+        Slot { machine, life: self.machines[machine as usize].life }
+    }
+
+    /// True if a machine still has the life of a slot.
+    pub fn is_there(&self, slot: Slot) -> bool {
+        let machine = &self.machines[slot.machine as usize];
+        machine.is_there && machine.life == slot.life
+    }
+
+    /// How long ago the life of a slot ended.
+    pub fn silent(&self, slot: Slot) -> Time {
+        if self.is_there(slot) { 0 } else { self.clock.now() - self.machines[slot.machine as usize].gone }
+    }
+
+    pub fn start_machine(&mut self, machine: u32) {
+        let slot = self.slot(machine);
+        self.clock.after(self.costs.startup_s, Event::Joins(slot));
+    }
+
+    pub fn joins(&mut self, slot: Slot) {
+        self.machines[slot.machine as usize].is_there = true;
+        self.slots += self.costs.slots as usize;
+        for _ in 0..self.costs.slots {
+            self.ask(slot);
+        }
+        if let Some(mean) = self.farm.failure_s {
+            // Lives end at random, and no life knows how long it has lasted.
+            let name = [slot.machine.to_le_bytes(), slot.life.to_le_bytes()].concat();
+            let random = (xxh3_64(&name) >> 11) as f64 / (1_u64 << 53) as f64;
+            self.clock.after(-mean * (1.0 - random).ln(), Event::Fails(slot));
+        }
+    }
+
+    /// A slot asks for a unit.
+    fn ask(&mut self, slot: Slot) {
+        self.clock.after(0.5 * self.costs.round_trip_s, Event::Asks(slot));
+    }
+
+    /// Gives units that wait to slots that wait.
+    pub fn deliver(&mut self) {
+        loop {
+            while self.waiting.front().is_some_and(|slot| !self.is_there(*slot)) {
+                self.waiting.pop_front();
+            }
+            if self.waiting.is_empty() {
+                return;
+            }
+            let [urgent, others] = &mut self.lanes;
+            let Some(unit) = urgent.pop_front().or_else(|| others.pop_front()) else { return };
+            let Some(slot) = self.waiting.pop_front() else { return };
+            let flight = &mut self.flights[unit as usize];
+            flight.deliveries += 1;
+            flight.leased = self.clock.now();
+            self.machines[slot.machine as usize].units.push(unit);
+            self.clock.after(0.0, Event::Delivered(unit, slot));
+        }
+    }
+
+    pub fn answered(&mut self, unit: u32, slot: Slot, begun: Begun) {
+        if !self.is_there(slot) {
+            return;
+        }
+        let now = self.clock.now();
+        match begun {
+            Begun::Go => {
+                self.flights[unit as usize].began = now;
+                self.prepare(unit, slot);
+            }
+            Begun::Wait => {
+                self.machines[slot.machine as usize].units.retain(|own| *own != unit);
+                self.clock.after(REST_S, Event::Redelivered(unit));
+                self.ask(slot);
+            }
+            Begun::Skip => self.clock.after(self.costs.round_trip_s, Event::Done(unit, slot)),
+        }
+    }
+
+    /// Renders a unit, as soon as its scene is there.
+    fn prepare(&mut self, unit: u32, slot: Slot) {
+        let job = self.flights[unit as usize].job;
+        let machine = &mut self.machines[slot.machine as usize];
+        let scene = machine.scenes[job as usize];
+        if scene == Scene::Ready {
+            return self.render(unit, slot);
+        }
+        machine.blocked.push(unit);
+        machine.scenes[job as usize] = Scene::Coming;
+        match scene {
+            Scene::Absent => {
+                self.counts.bytes += self.costs.scene_bytes;
+                self.outgoing.add(self.clock.now(), self.costs.scene_bytes, (slot, job));
+                self.expect_outgoing();
+            }
+            Scene::OnDisk => self.on_machine(slot.machine, self.costs.read_s, Task::Read(job)),
+            Scene::Coming | Scene::Ready => {}
+        }
+    }
+
+    /// Messages that a scene comes in.
+    pub fn scene_parts(&self) -> f64 {
+        (self.costs.scene_bytes / PART_BYTES as f64).ceil()
+    }
+
+    pub fn fetched(&mut self, slot: Slot, job: u32) {
+        if self.is_there(slot) {
+            self.on_machine(slot.machine, self.costs.read_s, Task::Read(job));
+        }
+    }
+
+    fn render(&mut self, unit: u32, slot: Slot) {
+        let now = self.clock.now();
+        self.counts.first.get_or_insert(now);
+        let work = self.work_of(unit);
+        self.on_machine(slot.machine, work, Task::Render(unit));
+    }
+
+    /// Something on a machine ends.
+    pub fn machine_ends(&mut self, machine: u32, version: u32) {
+        let now = self.clock.now();
+        let slot = self.slot(machine);
+        let own = &mut self.machines[machine as usize];
+        let Some(task) = own.processor.end(now, version) else { return };
+        if let Some((at, version)) = own.processor.due() {
+            self.clock.at(at, Event::Machine(machine, version));
+        }
+        match task {
+            Task::Read(job) => {
+                own.scenes[job as usize] = Scene::Ready;
+                let (ready, blocked) = std::mem::take(&mut own.blocked)
+                    .into_iter()
+                    .partition(|unit: &u32| self.flights[*unit as usize].job == job);
+                own.blocked = blocked;
+                let ready: Vec<u32> = ready;
+                ready.into_iter().for_each(|unit| self.render(unit, slot));
+            }
+            Task::Render(unit) => {
+                let bytes = self.bytes_of(unit);
+                self.counts.bytes += bytes;
+                let taken = now - self.flights[unit as usize].began;
+                self.incoming.add(now, bytes, Question::Result(unit, slot, taken));
+                self.expect_incoming();
+            }
+        }
+    }
+
+    /// The sums of a unit have come, but for the pauses between their parts.
+    pub fn sent(&mut self, question: Question) {
+        let trips = self.parts_of(question.unit()) - 0.5;
+        self.clock.after(trips * self.costs.round_trip_s, Event::Arrives(question));
+    }
+
+    /// Messages that the sums of a unit come in.
+    pub fn parts_of(&self, unit: u32) -> f64 {
+        (self.bytes_of(unit) / PART_BYTES as f64).ceil().max(1.0)
+    }
+
+    pub fn done(&mut self, unit: u32, slot: Slot) {
+        if !self.is_there(slot) {
+            return;
+        }
+        self.machines[slot.machine as usize].units.retain(|own| *own != unit);
+        self.ask(slot);
+        self.deliver();
+    }
+
+    pub fn redelivered(&mut self, unit: u32) {
+        let lane = usize::from(!self.flights[unit as usize].is_urgent);
+        self.lanes[lane].push_front(unit);
+        self.deliver();
+    }
+
+    /// A machine fails: its units come back when their leases are over, and the machine after a while.
+    pub fn fails(&mut self, slot: Slot) {
+        if !self.is_there(slot) {
+            return;
+        }
+        let now = self.clock.now();
+        let machine = &mut self.machines[slot.machine as usize];
+        machine.is_there = false;
+        machine.gone = now;
+        machine.life += 1;
+        machine.processor.clear(now);
+        machine.blocked.clear();
+        for scene in &mut machine.scenes {
+            *scene = match scene {
+                Scene::Absent | Scene::Coming => Scene::Absent,
+                Scene::OnDisk | Scene::Ready => Scene::OnDisk,
+            };
+        }
+        self.slots -= self.costs.slots as usize;
+        let beat = time(self.costs.lease_s / f64::from(BEATS)).max(1);
+        for unit in std::mem::take(&mut self.machines[slot.machine as usize].units) {
+            let leased = self.flights[unit as usize].leased;
+            let beaten = leased + (now - leased) / beat * beat;
+            self.clock.at(beaten + time(self.costs.lease_s), Event::Redelivered(unit));
+        }
+        self.start_machine(slot.machine);
+    }
+}

@@ -1,0 +1,171 @@
+//! `raystream bench rays`.
+
+use super::super::args::{BenchRaysArgs, SceneView};
+use super::super::{printing, stats};
+use super::{Provenance, SceneRow};
+use anyhow::{Result, bail};
+use raystream::engine::{PreparedScene, UnitChoice, Units};
+use raystream::lanes::SimdLevel;
+use raystream::scene::Camera;
+use raystream::scene::generate;
+use raystream::schedule::Unit;
+use raystream_bench::Workload;
+use raystream_bench::embree::Embree;
+use raystream_bench::rays::{Agreement, Options, Report, Row, Summary, run as measure, summarise};
+use serde::Serialize;
+
+/// Contenders whose ratios are summarised.
+const SUMMARISED: [&str; 3] = ["raystream", "raystream query", "raystream service"];
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Sheet<'a> {
+    #[serde(flatten)]
+    provenance: Provenance,
+    rows: Vec<SceneRow<'a, Row>>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    agreement: Vec<SceneRow<'a, Agreement>>,
+    /// Over all scenes, where there are several and Embree takes part.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    summary: &'a [Summary],
+}
+
+/// Measures the CPU tracer beside its peers, and a GPU if one is named, in one scene after the other.
+pub fn run(args: &BenchRaysArgs) -> Result<()> {
+    let units = match &args.adapter {
+        None => Units::cpu(),
+        Some(adapter) => Units::open(&UnitChoice::auto().with_unit(Unit::Hybrid).with_adapter(adapter))?,
+    };
+    let asked: Vec<SimdLevel> = args.simd.iter().map(|s| SimdLevel::choose(s)).collect::<Result<_, _>>()?;
+    let levels = match (asked.is_empty(), args.kernels) {
+        (false, _) => asked,
+        (true, true) => vec![SimdLevel::detect()],
+        (true, false) => SimdLevel::available(),
+    };
+    let (rounds, slow_units) = (args.peers.rounds as usize, !args.kernels);
+    let options =
+        Options { rounds, threads: args.peers.thread_counts(), levels, slow_units, ..Options::default() };
+    let embree = args.peers.embree.load()?;
+    let mut reports = Vec::new();
+    for view in &args.scenes {
+        if printing::is_unread() && args.peers.json.is_none() {
+            return Ok(());
+        }
+        let report = one_scene(view, args, &units, embree.as_ref(), &options)?;
+        print(view, &report);
+        reports.push((name(view), report));
+    }
+    let rows: Vec<(&str, &[Row])> = reports.iter().map(|(scene, report)| (&**scene, &*report.rows)).collect();
+    let mut summary = Vec::new();
+    if rows.len() > 1 {
+        let peers = ["embree", "embree_robust"];
+        summary.extend(peers.into_iter().flat_map(|peer| summarise(&rows, peer)));
+        summary.retain(|summary| SUMMARISED.contains(&&*summary.unit));
+        print_summary(&summary);
+    }
+    let Some(path) = &args.peers.json else { return Ok(()) };
+    let rows = reports.iter().flat_map(|(scene, report)| SceneRow::all(Some(scene), &report.rows));
+    let agreement = reports.iter().flat_map(|(scene, report)| SceneRow::all(Some(scene), &report.agreement));
+    let (rows, agreement) = (rows.collect(), agreement.collect());
+    stats::write(path, &Sheet { provenance: Provenance::here(), rows, agreement, summary: &summary })
+}
+
+fn one_scene(
+    view: &SceneView,
+    args: &BenchRaysArgs,
+    units: &Units,
+    embree: Option<&Embree>,
+    options: &Options,
+) -> Result<Report> {
+    let prepared = PreparedScene::new(generate::scene(&view.scene)?, units)?;
+    if let Some(reason) = &prepared.degraded {
+        bail!("{reason}");
+    }
+    let (width, height) = args.size;
+    let bounds = prepared.scene.bounds();
+    let framed = || Camera::framing(&bounds, width as f32 / height as f32);
+    let camera = view.camera(&args.camera, prepared.scene.camera, framed);
+    let workload =
+        Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, args.size)?;
+    let devices = match (args.kernels, &prepared.tracers.device) {
+        (true, _) => prepared.variants(units).map_err(anyhow::Error::msg)?,
+        (false, device) => device.iter().cloned().collect(),
+    };
+    Ok(measure(&prepared, &workload, &devices, embree, options)?)
+}
+
+/// The scene's name in reports.
+fn name(view: &SceneView) -> String {
+    view.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+fn print(view: &SceneView, report: &Report) {
+    stdout_line!("{}", view.scene.display());
+    stdout_line!(
+        "{:<16} {:<30} {:<8} {:>7} {:>9} {:>9} {:>9}  ratio to",
+        "rays",
+        "unit",
+        "order",
+        "threads",
+        "Mray/s",
+        "best",
+        "worst"
+    );
+    for row in &report.rows {
+        let ratios: Vec<String> = row.ratio.iter().map(|(peer, r)| format!("{peer} {r:.2}")).collect();
+        let speed = row.mray_per_s;
+        stdout_line!(
+            "{:<16} {:<30} {:<8} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
+            row.kind.name(),
+            unit(&row.unit, row.simd),
+            row.order.name(),
+            row.threads,
+            speed.median,
+            speed.best,
+            speed.worst,
+            ratios.join(", ")
+        );
+    }
+    if report.rows.iter().any(|row| row.alpha_test) {
+        stdout_line!("all rays with the alpha test of the scene's masks");
+    }
+    for agreement in &report.agreement {
+        stdout_line!(
+            "{}: {} of {} rays differ from Embree's robust mode in hit or miss, {} in distance",
+            agreement.kind.name(),
+            agreement.hit_or_miss,
+            agreement.rays,
+            agreement.distance
+        );
+    }
+}
+
+fn print_summary(summaries: &[Summary]) {
+    stdout_line!(
+        "{:<16} {:<30} {:>7} {:>13} {:>6} {:>14} {:>6}  in",
+        "rays",
+        "unit",
+        "threads",
+        "ratio to",
+        "scenes",
+        "geometric mean",
+        "least"
+    );
+    for summary in summaries {
+        stdout_line!(
+            "{:<16} {:<30} {:>7} {:>13} {:>6} {:>14.2} {:>6.2}  {}",
+            summary.kind.name(),
+            unit(&summary.unit, summary.simd),
+            summary.threads,
+            summary.peer,
+            summary.scenes,
+            summary.geometric_mean,
+            summary.least,
+            summary.least_scene
+        );
+    }
+}
+
+fn unit(unit: &str, simd: Option<&str>) -> String {
+    simd.map_or_else(|| unit.to_owned(), |simd| format!("{unit} {simd}"))
+}

@@ -1,0 +1,12 @@
+//! The arguments of the service's commands.
+
+mod farm;
+mod farm_plan;
+mod serve;
+
+pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, FarmTrustArgs, NatsArgs, WorkerArgs};
+pub use farm_plan::{FarmPlanArgs, JobName};
+pub use serve::{
+    CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
+    ViewArgs,
+};

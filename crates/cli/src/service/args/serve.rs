@@ -1,0 +1,276 @@
+//! Arguments of the service and of the commands that talk to it.
+
+use crate::args::{SceneArgs, SpecArgs, UnitArgs};
+use clap::parser::ValueSource;
+use clap::{Args, FromArgMatches};
+use raystream::picture::LightSpec;
+use raystream::picture::form::{Form, Seconds};
+use raystream_service::contract::Failpoint;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// `raystream serve`.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// Address to listen at; port 0 is any free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:7878")]
+    pub listen: SocketAddr,
+    /// Folder of all that is kept: scenes, jobs, pictures, the token.
+    #[arg(long, value_name = "FOLDER", default_value = "raystream-data")]
+    pub data: PathBuf,
+    /// Certificate chain for TLS, as a PEM file.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_certificate: Option<PathBuf>,
+    /// Key of the certificate, as a PEM file.
+    #[arg(long, value_name = "FILE", requires = "tls_certificate")]
+    pub tls_key: Option<PathBuf>,
+    /// Certificates of the authorities by which https addresses of webhooks are known, as a PEM file
+    /// [default: the system's].
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
+    /// Listen at an address of other machines without TLS.
+    #[arg(long)]
+    pub insecure: bool,
+    /// Render for Drake: programs of this machine may POST to /render without a token.
+    #[arg(long)]
+    pub drake: bool,
+    /// A name by which this service may be called, besides localhost and addresses. Repeatable.
+    #[arg(long, value_name = "NAME")]
+    pub name: Vec<String>,
+    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G
+    /// [default: 7/16 of the machine's].
+    #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
+    pub memory: Option<u64>,
+    /// Most bytes of an upload.
+    #[arg(long, value_name = "BYTES", default_value = "2G", value_parser = crate::args::bytes)]
+    pub max_upload: u64,
+    /// Most bytes of a pack's files.
+    #[arg(long, value_name = "BYTES", default_value = "8G", value_parser = crate::args::bytes)]
+    pub max_unpacked: u64,
+    /// Most connections at the same time.
+    #[arg(long, value_name = "N", default_value_t = 4096)]
+    pub max_connections: usize,
+    /// Most jobs that have not ended.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub max_jobs: u64,
+    /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
+    #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
+    pub tev: Option<String>,
+    /// Pixels × samples of a unit, for tests.
+    #[arg(long, value_name = "N", hide = true)]
+    pub unit_samples: Option<u64>,
+    /// Longest pause of a client within a request, for tests.
+    #[arg(long, value_name = "SECONDS", hide = true, value_parser = Seconds::read)]
+    pub patience: Option<Duration>,
+    /// Cut units at random, for tests.
+    #[arg(long, value_name = "SEED", hide = true)]
+    pub random_units: Option<u64>,
+    /// Add up the films of a frame when there are so many, for tests.
+    #[arg(long, value_name = "N", hide = true)]
+    pub most_files: Option<usize>,
+    /// End the process at a place, for tests.
+    #[arg(long, value_name = "PLACE[:N]", hide = true)]
+    pub failpoint: Option<Failpoint>,
+    /// The units that trace.
+    #[command(flatten)]
+    pub units: UnitArgs,
+    /// Workers on other machines.
+    #[command(flatten)]
+    pub farm: super::FarmArgs,
+}
+
+/// `raystream view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// Scene file: .obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe.
+    pub scene: PathBuf,
+    /// Start no browser; only print the address.
+    #[arg(long)]
+    pub no_browser: bool,
+    /// The service.
+    #[command(flatten)]
+    pub service: ServeArgs,
+}
+
+/// Where the service is.
+#[derive(Clone, Debug, Args)]
+pub struct ClientArgs {
+    /// Address of the service.
+    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:7878")]
+    pub server: String,
+    /// File with the service's token.
+    #[arg(long, value_name = "FILE", default_value = "raystream-data/token")]
+    pub token_file: PathBuf,
+    /// Certificates of the authorities by which an https service is known, as a PEM file [default: the system's].
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `raystream submit`.
+#[derive(Clone, Debug, Args)]
+pub struct SubmitArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// Name of the request: a second one of the same name gets the job of the first.
+    #[arg(long, value_name = "KEY")]
+    pub idempotency_key: Option<String>,
+    /// How urgent the job is: interactive, normal or background.
+    #[arg(long, value_name = "NAME", default_value = "normal")]
+    pub priority: String,
+    /// Scene file. Files that it names must lie in its folder.
+    pub scene: PathBuf,
+    /// Options of `raystream render`; those above may stand among them.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTIONS")]
+    pub options: Vec<String>,
+}
+
+impl SubmitArgs {
+    /// Options of `submit` that stand behind the scene, moved to where they belong.
+    ///
+    /// # Errors
+    /// If one of them has no value, or a wrong one.
+    pub fn sorted(&self) -> Result<Self, clap::Error> {
+        let command = || Self::augment_args(clap::Command::new("submit").no_binary_name(true));
+        let arguments = command();
+        let known = |word: &str| {
+            let name = word.strip_prefix("--")?.split('=').next()?;
+            arguments.get_arguments().find(|argument| argument.get_long() == Some(name))
+        };
+        let (mut own, mut others) = (Vec::new(), Vec::new());
+        let mut words = self.options.iter();
+        while let Some(word) = words.next() {
+            let Some(argument) = known(word) else {
+                others.push(word.clone());
+                continue;
+            };
+            own.push(word.clone());
+            if argument.get_action().takes_values() && !word.contains('=') {
+                own.extend(words.next().cloned());
+            }
+        }
+        let mut sorted = Self { options: others, ..self.clone() };
+        if !own.is_empty() {
+            own.push(self.scene.display().to_string());
+            let found = command().try_get_matches_from(&own)?;
+            let new = Self::from_arg_matches(&found)?;
+            let is_given = |name| found.value_source(name) == Some(ValueSource::CommandLine);
+            let (client, given) = (&mut sorted.client, new.client);
+            if is_given("server") {
+                client.server = given.server;
+            }
+            if is_given("token_file") {
+                client.token_file = given.token_file;
+            }
+            if is_given("priority") {
+                sorted.priority = new.priority;
+            }
+            client.json |= given.json;
+            client.ca = given.ca.or_else(|| client.ca.take());
+            sorted.idempotency_key = new.idempotency_key.or_else(|| sorted.idempotency_key.take());
+        }
+        Ok(sorted)
+    }
+}
+
+/// `raystream jobs`.
+#[derive(Debug, Args)]
+pub struct JobsArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// Show this job alone, with its pictures.
+    pub id: Option<String>,
+    /// Show jobs of this state: queued, running, paused, done, failed, cancelled.
+    #[arg(long, value_name = "STATE")]
+    pub state: Option<String>,
+}
+
+/// `raystream fetch`.
+#[derive(Debug, Args)]
+pub struct FetchArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+    /// Picture to write: .png, .exr, .npz or .npy.
+    #[arg(short, long, value_name = "FILE", default_value = "out.png")]
+    pub output: PathBuf,
+    /// The frame.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub frame: u32,
+    /// Wait until the job has ended.
+    #[arg(long)]
+    pub wait: bool,
+}
+
+/// `raystream timeline`.
+#[derive(Debug, Args)]
+pub struct TimelineArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+    /// Timeline to write, as a Chrome trace.
+    #[arg(short, long, value_name = "FILE.json", default_value = "timeline.json")]
+    pub output: PathBuf,
+}
+
+/// `raystream cancel`.
+#[derive(Debug, Args)]
+pub struct CancelArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+}
+
+/// Reads a scene and counts its triangles, in a process that the service starts.
+#[derive(Debug, Args)]
+pub struct CheckSceneArgs {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// The folder that its files lie in.
+    #[arg(long, value_name = "FOLDER")]
+    pub root: PathBuf,
+    /// File to write the loaded scene to.
+    #[arg(long, value_name = "FILE")]
+    pub flat: Option<PathBuf>,
+    /// How it is read.
+    #[command(flatten)]
+    pub loading: SceneArgs,
+    /// Light besides its own.
+    #[command(flatten)]
+    pub light: SpecArgs<LightSpec>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sorted(words: &[&str]) -> Result<SubmitArgs, clap::Error> {
+        let command = SubmitArgs::augment_args(clap::Command::new("submit").no_binary_name(true));
+        SubmitArgs::from_arg_matches(&command.try_get_matches_from(words)?)?.sorted()
+    }
+
+    #[test]
+    fn options_of_submit_stand_anywhere() {
+        let both =
+            ["--token-file", "t", "s.glb", "--size", "8x8", "--server", "https://a", "--json", "--spp", "4"];
+        let args = sorted(&both).expect("they are known");
+        assert_eq!(args.options, ["--size", "8x8", "--spp", "4"]);
+        assert_eq!((&*args.client.server, args.client.json), ("https://a", true));
+        assert_eq!(args.client.token_file, PathBuf::from("t"), "what stands before the scene stays");
+        assert_eq!((args.scene, args.priority), (PathBuf::from("s.glb"), "normal".into()));
+        let args = sorted(&["s.glb", "--priority=interactive", "--spp=4"]).expect("they are known");
+        assert_eq!((args.options, args.priority), (vec!["--spp=4".to_owned()], "interactive".to_owned()));
+        assert!(sorted(&["s.glb", "--spp", "4", "--server"]).is_err(), "a value is missing");
+    }
+}

@@ -1,0 +1,302 @@
+//! What renders the jobs of the service: specs are checked, scenes are read and kept ready.
+
+mod disk_cache;
+mod job_cost;
+mod loaded_scenes;
+mod memory_cache;
+mod open_job;
+mod scene_reader;
+
+pub use disk_cache::{Kept, shrink};
+pub use job_cost::{FrameId, JobCost, StopRule};
+pub use loaded_scenes::LoadedScenes;
+pub use memory_cache::MemoryCache;
+pub use open_job::OpenJob;
+pub use scene_reader::SceneReader;
+
+use crate::contract::inside;
+use anyhow::{Context, Result, bail};
+use raystream::engine::{PreparedScene, Units};
+use raystream::film::tev::Tev;
+use raystream::memory::MemoryBudget;
+use raystream::picture::{
+    CheckedSpec, Registry, RenderSpec, SceneSpec, SpecError, afford, scene_file, with_causes,
+};
+use raystream::scene::Scene;
+use raystream::schedule::{Policy, Service};
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Jobs of the scheduler at the same time: units with their passes, and views.
+pub const SCHEDULED: usize = 16;
+
+/// How long a process that reads a scene is waited for between two looks.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Bytes that are kept of what a process says that reads a scene.
+const TOLD: usize = 1 << 16;
+
+/// What all scenes of a process share.
+#[derive(Clone, Debug)]
+pub struct SharedUnits {
+    /// The units that trace.
+    pub units: Units,
+    /// The service with its threads.
+    pub service: Arc<Service>,
+    /// The policy of its jobs.
+    pub policy: Option<Policy>,
+}
+
+impl SharedUnits {
+    /// The units, in words.
+    pub fn in_words(&self) -> String {
+        format!("{} threads ({})", self.service.host_threads(), self.units.simd())
+    }
+}
+
+/// Checks render specs, reads their scenes and keeps them ready. Errors are sentences for whoever sent the request.
+#[derive(Debug)]
+pub struct RenderBackend {
+    registry: Registry,
+    units: SharedUnits,
+    memory: MemoryBudget,
+    /// Prepared scenes that may be needed again, by what they are made from.
+    cache: MemoryCache<Arc<PreparedScene>>,
+    loaded: LoadedScenes,
+    viewer: Option<Arc<Tev>>,
+}
+
+impl RenderBackend {
+    /// A backend with these units, at most so many bytes for a scene and for those that are kept ready, and a place for
+    /// loaded scenes.
+    pub fn new(registry: Registry, units: SharedUnits, memory: Option<u64>, loaded: LoadedScenes) -> Self {
+        let memory = memory.unwrap_or_else(|| MemoryBudget::of_machine().bytes() / 2);
+        let weigh = |scene: &Arc<PreparedScene>| scene.scene.bytes() + scene.bvh.bytes() as u64;
+        let (cache, memory) = (MemoryCache::new(memory, weigh), MemoryBudget::of_bytes(memory));
+        Self { registry, units, memory, cache, loaded, viewer: None }
+    }
+
+    /// The same, whose pictures and views a viewer shows.
+    pub fn with_viewer(self, viewer: Option<Arc<Tev>>) -> Self {
+        Self { viewer, ..self }
+    }
+
+    /// The units that all scenes share.
+    pub fn units(&self) -> &SharedUnits {
+        &self.units
+    }
+
+    /// The registry of integrators and surfaces.
+    pub fn registry(&self) -> &Registry {
+        &self.registry
+    }
+
+    /// The scheduler that all jobs and views share.
+    pub fn service(&self) -> &Arc<Service> {
+        &self.units.service
+    }
+
+    /// Checks the spec of a job, whose files lie in `folder`, before its scene is read.
+    fn checked(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<CheckedSpec> {
+        refuse_options_of_files(spec)?;
+        let mut spec = spec.clone();
+        confine(&mut spec, folder)?;
+        spec.scene = Some(scene.to_owned());
+        let checked = CheckedSpec::new(spec, &self.registry)?;
+        checked.afford(&self.memory, 1)?;
+        Ok(checked)
+    }
+
+    /// Checks the spec of a job before its scene is read. Files that it names lie in `folder`.
+    ///
+    /// # Errors
+    /// What is wrong with an option.
+    pub fn check(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<JobCost, String> {
+        let checked = self.checked(spec, scene, folder);
+        checked.map(|checked| JobCost::of(checked.spec())).map_err(|error| with_causes(&error))
+    }
+
+    /// Looks whether a scene can be read, in a process of its own whose memory and time are limited. Returns the number
+    /// of its triangles.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    pub fn try_scene(
+        &self,
+        spec: &RenderSpec,
+        scene: &Path,
+        folder: &Path,
+        time: Duration,
+    ) -> Result<u64, String> {
+        let tried = self.checked(spec, scene, folder).and_then(|checked| {
+            let spec = checked.spec();
+            let flat = self.loaded.path(spec, folder);
+            let has_map = spec.light.env_file().is_some();
+            if let Some(triangles) = flat.as_ref().and_then(|flat| self.loaded.triangles(flat))
+                && !has_map
+            {
+                return Ok(triangles);
+            }
+            self.loaded.make_room();
+            try_scene(spec, folder, flat.as_deref(), self.memory, time)
+        });
+        tried.map_err(|error| with_causes(&error))
+    }
+
+    /// Reads the scene of a job that has been checked, or finds it in the cache.
+    ///
+    /// # Errors
+    /// Why it cannot be read, or what options and scene have against each other.
+    pub fn open(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob, String> {
+        self.open_job(spec, scene, folder).map_err(|error| with_causes(&error))
+    }
+
+    fn open_job(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob> {
+        let checked = self.checked(spec, scene, folder)?;
+        let key = SceneSpec::from(checked.spec()).key();
+        let prepared = self.cache.get(&key, || self.prepare(&checked, folder).map(Arc::new))?;
+        metrics::gauge!("raystream_scene_cache_bytes").set(self.cache.weight() as f64);
+        let rendering = checked.rendering(PreparedScene::clone(&prepared))?.with_policy(self.units.policy);
+        Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone()))
+    }
+
+    /// Reads a scene and prepares it.
+    fn prepare(&self, checked: &CheckedSpec, folder: &Path) -> Result<PreparedScene> {
+        let spec = checked.spec();
+        let options = spec.loading.options(&self.memory).with_root(folder);
+        let path = self.loaded.path(spec, folder);
+        let mut scene = match path.and_then(|path| self.loaded.read(&path, &self.memory)) {
+            Some(scene) => {
+                scene_file::tell(&scene.warnings);
+                scene
+            }
+            None => scene_file::read(checked.scene_file()?, &options)?,
+        };
+        refuse_foreign_shaders(&scene)?;
+        // Shaders are part of the scene's hash, so they are not changed.
+        drop(checked.change(&mut scene, &options)?);
+        afford(&self.memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
+        let prepared = PreparedScene::new(scene, &self.units.units)?;
+        // All units have clones: what they need is computed once.
+        prepared.lit();
+        prepared.scene_hash();
+        Ok(prepared)
+    }
+
+    /// The viewer that live views are shown in, too.
+    pub fn viewer(&self) -> Option<Arc<Tev>> {
+        self.viewer.clone()
+    }
+
+    /// Lets go of the scenes of a folder that the cache holds: none of them will be asked for again.
+    pub fn forget(&self, folder: &Path) {
+        self.cache.forget(&format!("{}/", folder.display()));
+    }
+}
+
+/// Refuses options that say how files of the command line are split, named or laid out.
+fn refuse_options_of_files(spec: &RenderSpec) -> Result<()> {
+    if spec.part.samples.is_some() {
+        bail!("samples: no option of a job; the service divides samples itself");
+    }
+    if spec.encoding.aov_format != raystream::film::LayerFormat::default() {
+        bail!("aov-format: no option of a job; a job's layers are in its .exr and .npz");
+    }
+    Ok(())
+}
+
+/// Turns names of files into paths in the scene's folder.
+fn confine(spec: &mut RenderSpec, folder: &Path) -> Result<()> {
+    spec.scene = None;
+    let mut refused = None;
+    spec.map_files(|option, name| {
+        let path = name.to_str().and_then(|name| inside(folder, name));
+        match path {
+            Some(path) if path.is_file() => return Ok::<_, SpecError>(path),
+            Some(_) => refused = Some(format!("{option}: the pack has no file {:?}", name.display())),
+            None => refused = Some(format!("{option}: {:?} does not lie in the pack", name.display())),
+        }
+        Ok(name.to_owned())
+    })?;
+    refused.map_or(Ok(()), |refused| bail!(refused))
+}
+
+/// Shaders of a scene lie beside it or below.
+fn refuse_foreign_shaders(scene: &Scene) -> Result<()> {
+    for request in scene.surface_requests.iter().filter(|request| request.surface.ends_with(".wgsl")) {
+        if inside(Path::new(""), &request.surface).is_none() {
+            bail!("{:?}: a shader that a scene names lies beside it or below", request.surface);
+        }
+    }
+    Ok(())
+}
+
+/// Runs a process that reads a scene and writes it to a flat file. Returns the number of triangles that it prints.
+fn try_scene(
+    spec: &RenderSpec,
+    folder: &Path,
+    flat: Option<&Path>,
+    memory: MemoryBudget,
+    time: Duration,
+) -> Result<u64> {
+    let mut command = Command::new(std::env::current_exe().context("this program has no file")?);
+    command.arg("check-scene").arg("--root").arg(folder).args(["--memory", &memory.bytes().to_string()]);
+    if let Some(flat) = flat {
+        command.arg("--flat").arg(flat);
+    }
+    if spec.loading.allow_missing {
+        command.arg("--allow-missing");
+    }
+    if let Some(variant) = &spec.loading.variant {
+        command.arg(format!("--variant={variant}"));
+    }
+    if let Some(env) = &spec.light.env {
+        command.arg(format!("--env={env}"));
+    }
+    command.arg("--").arg(spec.scene.as_deref().unwrap_or(folder));
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().context("no process can be started that reads the scene")?;
+    // A process whose pipe is full waits for ever.
+    let (printed, told) = (child.stdout.take().map(drain), child.stderr.take().map(drain));
+    let began = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        if began.elapsed() > time {
+            child.kill()?;
+            child.wait()?;
+            bail!("load_time: reading the scene took more than {} s, which is the limit", time.as_secs());
+        }
+        std::thread::sleep(LOOK);
+    };
+    let text = |pipe: Option<JoinHandle<String>>| pipe.and_then(|pipe| pipe.join().ok()).unwrap_or_default();
+    let (printed, told) = (text(printed), text(told));
+    if status.success() {
+        return printed.trim().parse().context("the process that reads the scene prints no number");
+    }
+    match told.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
+        Some(error) => bail!("{}", error.replace(&format!("{}/", folder.display()), "")),
+        None => bail!("the process that reads the scene ended with {status}; the service goes on"),
+    }
+}
+
+/// Reads a pipe to its end in a thread of its own; keeps the last part, which tells what went wrong.
+fn drain(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let (mut kept, mut buffer) = (Vec::new(), [0; 1 << 13]);
+        while let Ok(read) = pipe.read(&mut buffer)
+            && read > 0
+        {
+            kept.extend_from_slice(&buffer[..read]);
+            if kept.len() > 2 * TOLD {
+                kept.drain(..kept.len() - TOLD);
+            }
+        }
+        String::from_utf8_lossy(&kept).into_owned()
+    })
+}

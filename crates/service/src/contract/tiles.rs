@@ -1,0 +1,101 @@
+//! Tiles of live views: what a coordinator asks of workers, and what they answer.
+
+use super::edit::EditList;
+use super::pose::Pose;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A scene that views show.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LiveScene {
+    /// The SHA-256 by which it was uploaded.
+    pub sha256: String,
+    /// The scene file in an archive; `None` for the one that is found in it.
+    pub entry: Option<String>,
+    /// What its picture is a function of ([`crate::backend::OpenJob::identity`]). A worker that finds another one makes
+    /// other pixels, and refuses.
+    pub identity: String,
+}
+
+/// Rows of a frame that are wanted soon. They are a function of all but `view`, `frame`, `is_metered` and `budget_ms`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TileAsk {
+    /// The view. Of its frames only the newest is wanted.
+    pub view: u64,
+    /// The frame's number in its view, which rises.
+    pub frame: u64,
+    /// The camera. What the pose does not say is the scene's.
+    pub pose: Pose,
+    /// Changes of the scene's materials.
+    pub edits: EditList,
+    /// Width and height of the whole frame in pixels.
+    pub size: [u32; 2],
+    /// The rows of the tile. The first one is a multiple of [`crate::live::STRIP_ROWS`].
+    pub rows: Range<u32>,
+    /// Samples a pixel.
+    pub spp: u32,
+    /// Maximum number of bounces.
+    pub max_bounces: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Name of the view transform ([`raystream::film::View`]).
+    pub transform: String,
+    /// Exposure in stops.
+    pub stops: f32,
+    /// True if [`Tile::light`] is wanted.
+    pub is_metered: bool,
+    /// Milliseconds after which the tile comes too late.
+    pub budget_ms: u32,
+}
+
+/// What is asked of a worker.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum LiveAsk {
+    /// Have this scene ready.
+    Prepare(LiveScene),
+    /// Render rows of it, if it is ready.
+    Tile(LiveScene, TileAsk),
+}
+
+/// Rows of a frame as a display shows them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tile {
+    /// The rows.
+    pub rows: Range<u32>,
+    /// Sum of the binary logarithms of the luminances of lit pixels, and their number, from which automatic exposure
+    /// follows. 0 unless asked for.
+    pub light: (f64, u32),
+    /// Seconds that rendering and encoding took.
+    pub seconds: f64,
+    /// A JPEG of the rows, with a restart marker after each strip. It travels beside the rest.
+    #[serde(skip)]
+    pub jpeg: Arc<Vec<u8>>,
+}
+
+/// What a worker answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum LiveAnswer {
+    /// It has the scene.
+    Ready,
+    /// It fetches and reads the scene; ask again.
+    Loading,
+    /// There is no tile by the time at which it was wanted, or a newer frame is wanted.
+    Late,
+    /// It will not, and why.
+    Refused(String),
+    /// The rows.
+    Tile(Tile),
+}
+
+/// Takes an answer. It may be dropped: then there is none.
+pub type LiveReply = Box<dyn FnOnce(LiveAnswer) + Send>;
+
+/// Answers what coordinators ask of a worker.
+pub trait TileServer: Send + Sync {
+    /// Answers now or later. It returns at once.
+    fn take(&self, ask: LiveAsk, reply: LiveReply);
+}

@@ -1,0 +1,29 @@
+//! What the coordinator decides, as functions of what it knows: how units are cut, which are offered, who renders them,
+//! when sums are written into one file. Nothing here knows of threads, clocks, files or a bus, so the simulator
+//! (`crate::PLAN`) decides with the same code.
+
+mod cut;
+mod fair;
+mod folding;
+mod leases;
+mod offers;
+mod pass_units;
+
+pub use crate::coordinator::ledger::UnitRow;
+pub use cut::{BLOCK_PIXELS, Sizes, Speed};
+pub use fair::{Candidate, Share, entry, next};
+pub use folding::{MOST_FILES, is_to_be_folded};
+pub use leases::{Asked, FIRST_COMPARED, Holding, REST_LEASES, Taking, is_compared, is_fruitless, taking};
+pub use offers::{at_once, wanted, wants_frame};
+pub use pass_units::PassUnits;
+
+use std::time::Duration;
+
+/// How long the planner rests if it is not woken.
+pub const PLANNER_PAUSE: Duration = Duration::from_millis(250);
+
+/// Threads for what is no unit: plans, pictures, frames whose samples the time decides.
+pub const TASK_THREADS: usize = 4;
+
+/// How many workers try a unit before its job fails.
+pub const MOST_ATTEMPTS: u32 = 5;

@@ -1,0 +1,258 @@
+//! Jobs, their states and events.
+
+use super::rows::{Event, Job, JobState, NewJob, Totals};
+use super::{Ledger, LedgerError, now_ms};
+use raystream::schedule::Priority;
+use rusqlite::{Connection, OptionalExtension, params};
+use serde_json::{Value, json};
+
+/// What became of a job that was to be accepted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Accepted {
+    /// It is in the ledger.
+    New,
+    /// An earlier request had its idempotency key; this is its job, and whether the requests are the same.
+    Earlier(String, bool),
+    /// Too many jobs have not ended; this many have not.
+    TooMany(u64),
+}
+
+impl Ledger {
+    /// Accepts a job. When this returns, it will be done in spite of any crash.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn accept(&self, new: NewJob, most_open: u64) -> Result<Accepted, LedgerError> {
+        self.change(move |transaction| {
+            if let Some(key) = &new.idempotency_key {
+                let find = "SELECT id, request_hash FROM job WHERE idempotency_key = ?1";
+                let earlier = transaction
+                    .query_row(find, [key], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))
+                    .optional()?;
+                if let Some((id, hash)) = earlier {
+                    return Ok(Accepted::Earlier(id, hash == new.request_hash));
+                }
+            }
+            let open: i64 = transaction.query_row(
+                "SELECT count(*) FROM job WHERE state IN ('queued', 'running', 'paused')",
+                [],
+                |row| row.get(0),
+            )?;
+            if open as u64 >= most_open {
+                return Ok(Accepted::TooMany(open as u64));
+            }
+            let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
+            transaction.execute(
+                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, idempotency_key, \
+                 created_ms) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                params![
+                    new.id,
+                    new.request,
+                    new.request_hash,
+                    demand,
+                    new.scene,
+                    new.priority.name(),
+                    new.idempotency_key,
+                    now_ms()
+                ],
+            )?;
+            if new.has_webhook {
+                // The address is called when the job has ended.
+                let insert = "INSERT INTO call (job, next_ms) VALUES (?1, 0)";
+                transaction.execute(insert, [&new.id])?;
+            }
+            note(transaction, &new.id, "queued", &json!({}))?;
+            Ok(Accepted::New)
+        })
+    }
+
+    /// The finished job of the same request, if there is one whose pictures hold no suspect's sums.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn known(&self, request_hash: &str) -> Result<Option<String>, LedgerError> {
+        self.read(|connection| {
+            let find = "SELECT id FROM job WHERE request_hash = ?1 AND state = 'done' \
+                AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) LIMIT 1";
+            connection.query_row(find, [request_hash], |row| row.get(0)).optional()
+        })
+    }
+
+    /// A job.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn job(&self, id: &str) -> Result<Option<Job>, LedgerError> {
+        self.read(|connection| find(connection, id))
+    }
+
+    /// Jobs in the order of arrival, the latest first, before a place in that order.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn jobs(
+        &self,
+        state: Option<JobState>,
+        before: Option<i64>,
+        most: usize,
+    ) -> Result<Vec<Job>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached(&format!(
+                "SELECT {} FROM job WHERE seq < ?1 AND (?2 IS NULL OR state = ?2) ORDER BY seq DESC LIMIT ?3",
+                Job::COLUMNS
+            ))?;
+            let before = before.unwrap_or(i64::MAX);
+            let rows = select.query_map(params![before, state.map(JobState::name), most as i64], Job::of)?;
+            rows.collect()
+        })
+    }
+
+    /// Jobs that are to be worked on, the oldest first.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn active(&self, most: usize) -> Result<Vec<Job>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached(&format!(
+                "SELECT {} FROM job WHERE state IN ('queued', 'running') \
+                 ORDER BY priority = 'background', priority = 'normal', state = 'queued', seq LIMIT ?1",
+                Job::COLUMNS
+            ))?;
+            select.query_map([most as i64], Job::of)?.collect()
+        })
+    }
+
+    /// The number of jobs in each state.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn counts(&self) -> Result<Vec<(JobState, u64)>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached("SELECT state, count(*) FROM job GROUP BY state")?;
+            let rows = select.query_map([], |row| Ok((row.get::<_, String>(0)?, row.get::<_, i64>(1)?)))?;
+            let counted: Vec<(String, i64)> = rows.collect::<rusqlite::Result<_>>()?;
+            let count = |state: JobState| counted.iter().find(|(name, _)| name == state.name());
+            Ok(JobState::ALL.map(|state| (state, count(state).map_or(0, |(_, n)| *n as u64))).to_vec())
+        })
+    }
+
+    /// Changes the state of a job if it has one of these states now. Returns the state that it has then; `None` if
+    /// there is no such job.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn set_state(
+        &self,
+        id: &str,
+        from: &'static [JobState],
+        to: JobState,
+        error: Option<String>,
+    ) -> Result<Option<JobState>, LedgerError> {
+        let id = id.to_owned();
+        self.change(move |transaction| {
+            let Some(job) = find(transaction, &id)? else { return Ok(None) };
+            if !from.contains(&job.state) {
+                return Ok(Some(job.state));
+            }
+            let ended = to.has_ended().then(now_ms);
+            let update = "UPDATE job SET state = ?2, error = ?3, ended_ms = ?4 WHERE id = ?1";
+            transaction.execute(update, params![id, to.name(), error, ended])?;
+            let data = error.map_or(json!({}), |error| json!({ "error": error }));
+            note(transaction, &id, to.name(), &data)?;
+            Ok(Some(to))
+        })
+    }
+
+    /// Changes how urgent a job is. Returns whether there is such a job.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn set_priority(&self, id: &str, priority: Priority) -> Result<bool, LedgerError> {
+        let id = id.to_owned();
+        self.change(move |transaction| {
+            let update = "UPDATE job SET priority = ?2 WHERE id = ?1";
+            let changed = transaction.execute(update, params![id, priority.name()])?;
+            if changed > 0 {
+                note(transaction, &id, "priority", &json!({ "priority": priority.name() }))?;
+            }
+            Ok(changed > 0)
+        })
+    }
+
+    /// How much of a job is done.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn totals(&self, id: &str) -> Result<Totals, LedgerError> {
+        self.read(|connection| totals(connection, id))
+    }
+
+    /// Events after a number, of one job or of all, the oldest first.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn events(&self, job: Option<&str>, after: i64, most: usize) -> Result<Vec<Event>, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached(
+                "SELECT seq, job, time_ms, kind, data FROM event \
+                 WHERE seq > ?1 AND (?2 IS NULL OR job = ?2) ORDER BY seq LIMIT ?3",
+            )?;
+            let rows = select.query_map(params![after, job, most as i64], |row| {
+                Ok(Event {
+                    seq: row.get(0)?,
+                    job: row.get(1)?,
+                    time_ms: row.get(2)?,
+                    kind: row.get(3)?,
+                    data: row.get(4)?,
+                })
+            })?;
+            rows.collect()
+        })
+    }
+
+    /// The number of the last event.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn last_event(&self) -> Result<i64, LedgerError> {
+        self.read(|connection| {
+            connection.query_row("SELECT coalesce(max(seq), 0) FROM event", [], |row| row.get(0))
+        })
+    }
+}
+
+/// A job.
+pub(super) fn find(connection: &Connection, id: &str) -> rusqlite::Result<Option<Job>> {
+    let select = format!("SELECT {} FROM job WHERE id = ?1", Job::COLUMNS);
+    connection.query_row(&select, [id], Job::of).optional()
+}
+
+/// How much of a job is done.
+pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Totals> {
+    let counts = |select: &str| {
+        connection
+            .query_row(select, [id], |row| Ok((row.get::<_, i64>(0)? as u64, row.get::<_, i64>(1)? as u64)))
+    };
+    let (frames, frames_done) = counts("SELECT count(*), count(hash) FROM frame WHERE job = ?1")?;
+    let (units, units_done) =
+        counts("SELECT count(*), coalesce(sum(state > 0), 0) FROM unit WHERE job = ?1")?;
+    let (folded, taken) = counts(
+        "SELECT coalesce(sum(units), 0), coalesce(sum(iif(hash IS NULL, block_samples, 0)), 0) FROM frame \
+         WHERE job = ?1",
+    )?;
+    let (kept, of_frame) = counts(
+        "SELECT coalesce(sum(blocks * (end - first)), 0), (SELECT block_samples FROM job WHERE id = ?1) \
+         FROM unit WHERE job = ?1 AND state > 0",
+    )?;
+    let (units, units_done) = (units + folded, units_done + folded);
+    let begun = (taken + kept) as f64 / of_frame.max(1) as f64;
+    let share = ((frames_done as f64 + begun) / frames.max(1) as f64).min(1.0);
+    Ok(Totals { frames, frames_done, units, units_done, share })
+}
+
+/// Writes down what has happened to a job.
+pub(super) fn note(connection: &Connection, job: &str, kind: &str, data: &Value) -> rusqlite::Result<()> {
+    let insert = "INSERT INTO event (job, time_ms, kind, data) VALUES (?1, ?2, ?3, ?4)";
+    connection.execute(insert, params![job, now_ms(), kind, data.to_string()])?;
+    Ok(())
+}

@@ -1,0 +1,322 @@
+//! Rows of the tables.
+
+use crate::backend::JobCost;
+use raystream::render::BLOCK;
+use raystream::schedule::Priority;
+use rusqlite::Row;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// What a job does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JobState {
+    /// Waits for its first unit.
+    Queued,
+    /// Has begun.
+    Running,
+    /// Waits until someone resumes it.
+    Paused,
+    /// Has all its pictures.
+    Done,
+    /// Cannot go on.
+    Failed,
+    /// Was abandoned by a request.
+    Cancelled,
+}
+
+impl JobState {
+    /// All states.
+    pub const ALL: [Self; 6] =
+        [Self::Queued, Self::Running, Self::Paused, Self::Done, Self::Failed, Self::Cancelled];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// True if the job has ended.
+    pub fn has_ended(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Cancelled)
+    }
+}
+
+impl fmt::Display for JobState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for JobState {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        let found = Self::ALL.into_iter().find(|state| state.name() == text);
+        found.ok_or_else(|| format!("{text:?} is no state; ask for one of {}", names()))
+    }
+}
+
+/// A job.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Its place in the order of arrival.
+    pub seq: i64,
+    /// Its name in requests.
+    pub id: String,
+    /// What it does.
+    pub state: JobState,
+    /// The request, as JSON.
+    pub request: String,
+    /// What it asks for.
+    pub demand: JobCost,
+    /// The SHA-256 of its scene.
+    pub scene: String,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// Milliseconds since 1970.
+    pub created_ms: i64,
+    /// Milliseconds since 1970.
+    pub ended_ms: Option<i64>,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// True if its frames and units are known.
+    pub is_planned: bool,
+    /// Time that its pictures by seconds have taken.
+    pub spent_ms: i64,
+}
+
+impl Job {
+    pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
+        planned, spent_ms";
+
+    pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
+        let text = |column: usize| row.get::<_, String>(column);
+        let wrong = |column: usize| {
+            rusqlite::Error::InvalidColumnType(column, "job".into(), rusqlite::types::Type::Text)
+        };
+        let priority = priority(&text(6)?).ok_or_else(|| wrong(6))?;
+        Ok(Self {
+            seq: row.get(0)?,
+            id: text(1)?,
+            state: text(2)?.parse().map_err(|_| wrong(2))?,
+            request: text(3)?,
+            demand: serde_json::from_str(&text(4)?).map_err(|_| wrong(4))?,
+            scene: text(5)?,
+            priority,
+            created_ms: row.get(7)?,
+            ended_ms: row.get(8)?,
+            error: row.get(9)?,
+            is_planned: row.get(10)?,
+            spent_ms: row.get(11)?,
+        })
+    }
+}
+
+/// The priority of a name.
+pub fn priority(name: &str) -> Option<Priority> {
+    Priority::ALL.into_iter().find(|priority| priority.name() == name)
+}
+
+/// A job to be accepted.
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    /// Its name in requests.
+    pub id: String,
+    /// The request, as JSON.
+    pub request: String,
+    /// The SHA-256 of what its pictures depend on.
+    pub request_hash: String,
+    /// What it asks for.
+    pub demand: JobCost,
+    /// The SHA-256 of its scene.
+    pub scene: String,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// The client's name of the request, if it gives one.
+    pub idempotency_key: Option<String>,
+    /// True if someone is to be called when it ends.
+    pub has_webhook: bool,
+}
+
+/// Something that happened to a job.
+#[derive(Clone, Debug, Serialize)]
+pub struct Event {
+    /// Its number; later events have larger ones.
+    pub seq: i64,
+    /// The job.
+    pub job: String,
+    /// Milliseconds since 1970.
+    pub time_ms: i64,
+    /// What happened.
+    pub kind: String,
+    /// More about it, as JSON.
+    pub data: String,
+}
+
+/// A picture of a job.
+#[derive(Clone, Debug)]
+pub struct FrameRow {
+    /// Its number.
+    pub number: u32,
+    /// The name of its camera.
+    pub name: String,
+    /// The hash of its radiance, once it is finished.
+    pub hash: Option<String>,
+    /// The hashes of its layers by name, as JSON, once it is finished.
+    pub layers: Option<String>,
+    /// Facts about the picture, as JSON, once it is finished.
+    pub metadata: Option<String>,
+}
+
+/// What has become of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum UnitState {
+    /// It is to be rendered.
+    Open,
+    /// Its sums are in a file of their own.
+    Kept,
+    /// They are in the frame's file of sums, or the frame has its picture.
+    Folded,
+}
+
+/// A piece of a frame's pass: the same samples of some neighbours in the pass's list of blocks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnitRow {
+    /// The frame.
+    pub frame: u32,
+    /// The pass.
+    pub pass: u64,
+    /// Its number in the pass.
+    pub number: u32,
+    /// The first of its blocks, in the pass's list.
+    pub block: u32,
+    /// The number of its blocks.
+    pub blocks: u32,
+    /// Its first sample.
+    pub first: u32,
+    /// The sample after its last.
+    pub end: u32,
+    /// What has become of it.
+    pub state: UnitState,
+    /// Who has rendered it.
+    pub worker: Option<String>,
+    /// The SHA-256 of its sums.
+    pub digest: Option<String>,
+}
+
+impl UnitRow {
+    /// Its samples of all pixels, as if its blocks were whole.
+    pub fn samples(&self) -> u64 {
+        u64::from(BLOCK * BLOCK) * u64::from(self.blocks) * u64::from(self.end - self.first)
+    }
+
+    pub(super) const COLUMNS: &str = "frame, pass, number, block, blocks, first, end, state, worker, digest";
+
+    pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
+        let state = match row.get::<_, i64>(7)? {
+            0 => UnitState::Open,
+            1 => UnitState::Kept,
+            _ => UnitState::Folded,
+        };
+        Ok(Self {
+            frame: row.get(0)?,
+            pass: row.get::<_, i64>(1)? as u64,
+            number: row.get(2)?,
+            block: row.get(3)?,
+            blocks: row.get(4)?,
+            first: row.get(5)?,
+            end: row.get(6)?,
+            state,
+            worker: row.get(8)?,
+            digest: row.get(9)?,
+        })
+    }
+}
+
+/// A unit that is kept and is to be compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pending {
+    /// The unit, with the key of who has rendered it and the digest of its sums.
+    pub unit: UnitRow,
+    /// Its blocks.
+    pub blocks: Vec<u32>,
+    /// The worker's name.
+    pub name: String,
+}
+
+impl Pending {
+    pub(super) fn of(row: &Row<'_>, frame: u32) -> rusqlite::Result<Self> {
+        let list: Vec<u8> = row.get(5)?;
+        let (list, _) = list.as_chunks();
+        let blocks: Vec<u32> = list.iter().copied().map(u32::from_le_bytes).collect();
+        let unit = UnitRow {
+            frame,
+            pass: row.get::<_, i64>(0)? as u64,
+            number: row.get(1)?,
+            block: row.get(2)?,
+            blocks: blocks.len() as u32,
+            first: row.get(3)?,
+            end: row.get(4)?,
+            state: UnitState::Kept,
+            worker: row.get(6)?,
+            digest: row.get(8)?,
+        };
+        Ok(Self { unit, blocks, name: row.get(7)? })
+    }
+}
+
+/// How far a job's workers were checked.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checks {
+    /// Units whose sums two workers have made.
+    pub compared: u64,
+    /// Workers that took part in that.
+    pub keys: u32,
+    /// Names of workers that were found wrong later, and whose sums are in the job's pictures.
+    pub suspects: Vec<String>,
+}
+
+/// How a unit was rendered, as the coordinator saw it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rendering {
+    /// When its worker was told to render it, in milliseconds since 1970.
+    pub began_ms: f64,
+    /// When its sums had come, in milliseconds since 1970.
+    pub came_ms: f64,
+    /// How long its worker rendered it, with opening its scene.
+    pub seconds: f64,
+    /// How long opening the scene took.
+    pub opening_s: f64,
+    /// Its blocks.
+    pub blocks: u32,
+    /// Pixels × samples, with whole blocks at the edges of the picture.
+    pub samples: u64,
+    /// Bytes of its sums.
+    pub bytes: u64,
+    /// How often it was leased.
+    pub deliveries: u64,
+}
+
+/// How much of a job is done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Totals {
+    /// Frames in all.
+    pub frames: u64,
+    /// Finished frames.
+    pub frames_done: u64,
+    /// Units that have been cut so far. More are cut as they are needed.
+    pub units: u64,
+    /// Units whose films are kept or whose frames are finished.
+    pub units_done: u64,
+    /// The share of the samples that have been taken, from 0 to 1. A job with a noise to end at may take fewer.
+    pub share: f64,
+}

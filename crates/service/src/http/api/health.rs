@@ -1,0 +1,68 @@
+//! Whether the service lives, whether it can work, and what it has done.
+
+use super::body;
+use crate::contract::Problem;
+use crate::coordinator::ShownWorker;
+use crate::http::state::State;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, State as Given};
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde_json::{Value, json};
+
+/// `GET /healthz`: the process answers.
+pub async fn healthz() -> &'static str {
+    "ok\n"
+}
+
+/// `GET /readyz`: the ledger answers too, the data folder can be written, and the service is not ending.
+pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem> {
+    if *state.ending().borrow() {
+        return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending"));
+    }
+    state.blocking(|state| Ok(state.ledger().last_event()?)).await?;
+    match state.runner().trouble.now() {
+        None => Ok("ready\n"),
+        Some(why) => Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, why)),
+    }
+}
+
+/// `GET /api/v1/workers`: who renders, how fast, and what each has done.
+pub async fn workers(Given(state): Given<State>) -> Json<Value> {
+    let runner = state.runner();
+    Json(json!({ "workers": runner.workers(), "units_outstanding": runner.outstanding() }))
+}
+
+/// `POST /api/v1/workers/{key}/trust`: a worker in quarantine or at rest gets units again. The body says nothing.
+pub async fn trust(
+    Given(state): Given<State>,
+    Path(key): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
+    state
+        .blocking(move |state| {
+            if !state.runner().trust(&key)? {
+                return Err(Problem::missing(format!("worker {key:?} in quarantine or at rest")));
+            }
+            log::warn!("worker {key}: trusted again, as was asked for");
+            Ok(Json(json!({ "key": key })))
+        })
+        .await
+}
+
+/// `GET /metrics`, in Prometheus' text format.
+pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Problem> {
+    let counts = state.blocking(|state| Ok(state.ledger().counts()?)).await?;
+    for (job, count) in counts {
+        metrics::gauge!("raystream_jobs", "state" => job.name()).set(count as f64);
+    }
+    let workers = state.runner().workers();
+    for (kind, count) in ShownWorker::counts(&workers) {
+        metrics::gauge!("raystream_workers", "state" => kind).set(count as f64);
+    }
+    metrics::gauge!("raystream_units_outstanding").set(state.runner().outstanding() as f64);
+    let text = state.metrics().render();
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text))
+}

@@ -1,0 +1,330 @@
+//! Jobs: submitted, listed, steered.
+
+use super::{body, scenes};
+use crate::backend::JobCost;
+use crate::contract::{Problem, hex};
+use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
+use crate::coordinator::results::PICTURE;
+use crate::coordinator::{JobRequest, parse_priority};
+use crate::http::state::State;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, Query, State as Given};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+/// Jobs of a list, unless a number is asked for, and at most.
+const LISTED: usize = 50;
+const MOST_LISTED: usize = 500;
+
+/// The most bytes of an idempotency key.
+const MOST_KEY_BYTES: usize = 200;
+
+/// `POST /api/v1/jobs`.
+pub async fn submit(Given(state): Given<State>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
+    let request: JobRequest = body::json(&state, &headers, body).await?;
+    let key = idempotency_key(&headers)?;
+    let fresh = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == "no-cache");
+    state.blocking(move |state| accept(state, request, key, fresh)).await
+}
+
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
+    let text = key.to_str().ok().filter(|key| !key.is_empty() && key.len() <= MOST_KEY_BYTES);
+    let wrong =
+        || Problem::malformed(format!("an Idempotency-Key has 1 to {MOST_KEY_BYTES} ASCII characters"));
+    text.map(|key| Some(key.to_owned())).ok_or_else(wrong)
+}
+
+/// Checks a request and writes it into the ledger.
+fn accept(
+    state: &State,
+    mut request: JobRequest,
+    idempotency_key: Option<String>,
+    is_fresh: bool,
+) -> Result<Response, Problem> {
+    request.scene = scenes::sha256(&request.scene)
+        .map_err(|_| Problem::unprocessable("scene: write the SHA-256 of the scene, 64 digits"))?;
+    let known = state.ledger().scene(&request.scene)?;
+    known.ok_or_else(|| {
+        Problem::unprocessable("scene: it has not been uploaded; PUT it to /api/v1/scenes/{sha256}")
+    })?;
+    let priority = request.priority()?;
+    if let Some(hook) = &request.webhook
+        && !is_web_address(&hook.url)
+    {
+        return Err(Problem::unprocessable("webhook: the url is http:// or https:// with a host"));
+    }
+    let entry = state.store().entry(&request.scene, request.entry.as_deref())?;
+    let folder = state.store().scene_folder(&request.scene);
+    let demand = state.backend().check(&request.spec, &entry, &folder).map_err(Problem::unprocessable)?;
+    check_demand(state, &demand)?;
+    let request_hash = request.hash();
+    let is_function = JobRequest::is_function(demand.kind);
+    // Whoever is to be called is called for a job of its own.
+    if is_function
+        && !is_fresh
+        && idempotency_key.is_none()
+        && request.webhook.is_none()
+        && let Some(id) = state.ledger().known(&request_hash)?
+        && has_pictures(state, &id)?
+    {
+        metrics::counter!("raystream_known_requests_total").increment(1);
+        return answer(state, &id, StatusCode::OK);
+    }
+    let mut random = [0; 8];
+    getrandom::fill(&mut random).map_err(|error| {
+        Problem::new(StatusCode::SERVICE_UNAVAILABLE, format!("there are no random numbers: {error}"))
+    })?;
+    let id = hex(&random);
+    let new = NewJob {
+        id: id.clone(),
+        has_webhook: request.webhook.is_some(),
+        request: serde_json::to_string(&request).expect("a request is JSON"),
+        request_hash,
+        demand,
+        scene: request.scene,
+        priority,
+        idempotency_key,
+    };
+    let most = state.limits().open_jobs;
+    match state.ledger().accept(new, most)? {
+        Accepted::New => {
+            state.runner().wake();
+            answer(state, &id, StatusCode::ACCEPTED)
+        }
+        Accepted::Earlier(id, true) => answer(state, &id, StatusCode::OK),
+        Accepted::Earlier(id, false) => Err(Problem::new(
+            StatusCode::CONFLICT,
+            format!("job {id} was submitted with this Idempotency-Key and another request; use another key"),
+        )),
+        Accepted::TooMany(_) => {
+            let detail = format!("{most} jobs have not ended; wait until some have, or cancel some");
+            Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))
+        }
+    }
+}
+
+/// True if a text is an address that can be called.
+fn is_web_address(url: &str) -> bool {
+    let is_web = |uri: &Uri| matches!(uri.scheme_str(), Some("http" | "https"));
+    url.parse().is_ok_and(|uri: Uri| is_web(&uri) && uri.host().is_some_and(|host| !host.is_empty()))
+}
+
+/// Whether the pictures of a done job are there: its folder may have been removed to make space.
+fn has_pictures(state: &State, id: &str) -> Result<bool, Problem> {
+    let folder = state.store().job_folder(id);
+    let is_there = |frame: &FrameRow| {
+        folder.join(format!("frame-{}", frame.number)).join(PICTURE).with_extension("npz").is_file()
+    };
+    Ok(state.ledger().frames(id)?.iter().all(is_there))
+}
+
+/// Refuses what no job may ask for.
+pub fn check_demand(state: &State, demand: &JobCost) -> Result<(), Problem> {
+    let limits = state.limits();
+    let over = |name: &str, limit: u64, asked: u64, remedy: &str| {
+        let detail = format!("{name}: the request asks for {asked}, and the limit is {limit}; {remedy}");
+        Problem::limit(StatusCode::UNPROCESSABLE_ENTITY, name, limit, detail)
+    };
+    if demand.pixels() > limits.pixels {
+        return Err(over("pixels", limits.pixels, demand.pixels(), "make the picture smaller"));
+    }
+    let frames = demand.frames.unwrap_or(1);
+    if frames > limits.frames {
+        return Err(over("frames", limits.frames.into(), frames.into(), "split the job"));
+    }
+    if demand.samples() > limits.job_samples {
+        let remedy = "take fewer samples or split the job";
+        return Err(over("pixels × samples × frames", limits.job_samples, demand.samples(), remedy));
+    }
+    Ok(())
+}
+
+/// A job as answers show it.
+fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
+    let (totals, checks) = (state.ledger().totals(&job.id)?, state.ledger().checks(&job.id)?);
+    let (request, now) = (JobRequest::of(job), state.runner().share(&job.id));
+    let Totals { units, units_done, share, .. } = totals;
+    let Checks { compared, keys, suspects } = checks;
+    let compared_share = compared as f64 / units_done.max(1) as f64;
+    let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
+    Ok(json!({
+        "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
+        "entry": request.as_ref().and_then(|request| request.entry.clone()),
+        "spec": request.map(|request| request.spec),
+        "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
+        "created_ms": job.created_ms, "ended_ms": job.ended_ms, "error": job.error, "progress": progress,
+        "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
+        "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
+        "suspects": suspects,
+    }))
+}
+
+pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
+    state.ledger().job(id)?.ok_or_else(|| Problem::missing(format!("job {id:?}")))
+}
+
+fn answer(state: &State, id: &str, status: StatusCode) -> Result<Response, Problem> {
+    let job = find(state, id)?;
+    let body = Json(shown(state, &job)?);
+    let location = format!("/api/v1/jobs/{id}");
+    Ok((status, [(header::LOCATION, location)], body).into_response())
+}
+
+/// What a list is asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ListQuery {
+    state: Option<String>,
+    cursor: Option<i64>,
+    limit: Option<usize>,
+}
+
+/// `GET /api/v1/jobs`.
+pub async fn list(
+    Given(state): Given<State>,
+    query: Result<Query<ListQuery>, axum::extract::rejection::QueryRejection>,
+) -> Result<Json<Value>, Problem> {
+    let Query(ListQuery { state: wanted, cursor, limit }) =
+        query.map_err(|error| Problem::malformed(error.body_text()))?;
+    let wanted: Option<JobState> =
+        wanted.map(|name| name.parse()).transpose().map_err(Problem::unprocessable)?;
+    let most = limit.unwrap_or(LISTED).clamp(1, MOST_LISTED);
+    state
+        .blocking(move |state| {
+            let jobs = state.ledger().jobs(wanted, cursor, most)?;
+            let next = (jobs.len() == most).then(|| jobs.last().map(|job| job.seq)).flatten();
+            let jobs = jobs.iter().map(|job| shown(state, job)).collect::<Result<Vec<_>, _>>()?;
+            Ok(Json(json!({ "jobs": jobs, "cursor": next })))
+        })
+        .await
+}
+
+/// `GET /api/v1/jobs/{id}`.
+pub async fn status(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
+    state
+        .blocking(move |state| {
+            let job = find(state, &id)?;
+            let mut body = shown(state, &job)?;
+            let frames: Vec<Value> = state.ledger().frames(&id)?.iter().map(shown_frame).collect();
+            body["pictures"] = frames.into();
+            Ok(Json(body))
+        })
+        .await
+}
+
+fn shown_frame(frame: &FrameRow) -> Value {
+    let FrameRow { number, name, hash, layers, .. } = frame;
+    let layers: Value =
+        layers.as_deref().and_then(|text| serde_json::from_str(text).ok()).unwrap_or(json!({}));
+    json!({ "frame": number, "name": name, "hash": hash, "layers": layers })
+}
+
+const OPEN: &[JobState] = &[JobState::Queued, JobState::Running, JobState::Paused];
+const ACTIVE: &[JobState] = &[JobState::Queued, JobState::Running];
+const PAUSED: &[JobState] = &[JobState::Paused];
+const LOST: &[JobState] = &[JobState::Failed, JobState::Cancelled];
+
+/// Moves a job to another state; 409 if it is in none from which it can. The body says nothing, but it is read: the
+/// connection would end otherwise.
+async fn steer(
+    state: State,
+    id: String,
+    body: Body,
+    from: &'static [JobState],
+    to: JobState,
+) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
+    state
+        .blocking(move |state| {
+            let now = state.ledger().set_state(&id, from, to, None)?;
+            let now = now.ok_or_else(|| Problem::missing(format!("job {id:?}")))?;
+            // A second call of the same finds what the first did.
+            let wanted =
+                if to == JobState::Queued { now == to || now == JobState::Running } else { now == to };
+            if !wanted {
+                let detail = format!("the job is {now}, so it cannot become {to}");
+                return Err(Problem::new(StatusCode::CONFLICT, detail).with("state", now.name()));
+            }
+            if to == JobState::Queued {
+                state.ledger().forgive(&id)?;
+            }
+            match to {
+                JobState::Queued => state.runner().wake(),
+                _ => state.runner().stop_job(&id),
+            }
+            let totals = state.ledger().totals(&id)?;
+            let pictures = state.ledger().frames(&id)?;
+            let kept: Vec<u32> =
+                pictures.iter().filter(|frame| frame.hash.is_some()).map(|frame| frame.number).collect();
+            Ok(Json(json!({ "id": id, "state": now, "kept": {
+                "frames": kept, "units": totals.units_done, "of_units": totals.units } })))
+        })
+        .await
+}
+
+/// `POST /api/v1/jobs/{id}/cancel`.
+pub async fn cancel(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, OPEN, JobState::Cancelled).await
+}
+
+/// `POST /api/v1/jobs/{id}/pause`.
+pub async fn pause(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, ACTIVE, JobState::Paused).await
+}
+
+/// `POST /api/v1/jobs/{id}/resume`.
+pub async fn resume(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, PAUSED, JobState::Queued).await
+}
+
+/// `POST /api/v1/jobs/{id}/retry`: a job that failed or was cancelled goes on from what is kept.
+pub async fn retry(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    steer(state, id, body, LOST, JobState::Queued).await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NewPriority {
+    priority: String,
+}
+
+/// `POST /api/v1/jobs/{id}/priority`.
+pub async fn priority(
+    Given(state): Given<State>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    let NewPriority { priority } = body::json(&state, &headers, body).await?;
+    let priority = parse_priority(&priority)?;
+    state
+        .blocking(move |state| {
+            if !state.ledger().set_priority(&id, priority)? {
+                return Err(Problem::missing(format!("job {id:?}")));
+            }
+            state.runner().set_priority(&id, priority);
+            let job = find(state, &id)?;
+            Ok(Json(json!({ "id": id, "state": job.state, "priority": priority.name() })))
+        })
+        .await
+}

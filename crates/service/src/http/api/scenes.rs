@@ -1,0 +1,95 @@
+//! Uploads of scenes.
+
+use super::body::Pieces;
+use crate::contract::{self, Problem};
+use crate::http::state::State;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, State as Given};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+/// The SHA-256 of an address.
+///
+/// # Errors
+/// 404 if it is none.
+pub fn sha256(text: &str) -> Result<String, Problem> {
+    let is_hex = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let sha256 = is_hex.then(|| text.to_ascii_lowercase());
+    sha256.ok_or_else(|| Problem::missing("such scene; its address is the SHA-256 of its bytes, 64 digits"))
+}
+
+fn answer(sha256: &str, bytes: u64) -> Json<Value> {
+    Json(json!({ "sha256": sha256, "bytes": bytes }))
+}
+
+/// `GET` and `HEAD /api/v1/scenes/{sha256}`.
+pub async fn about(Given(state): Given<State>, Path(name): Path<String>) -> Result<Json<Value>, Problem> {
+    let sha256 = sha256(&name)?;
+    let asked = sha256.clone();
+    let bytes = state.blocking(move |state| Ok(state.ledger().scene(&asked)?)).await?;
+    Ok(answer(&sha256, bytes.ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?))
+}
+
+/// `PUT /api/v1/scenes/{sha256}`.
+pub async fn upload(
+    Given(state): Given<State>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let sha256 = sha256(&name)?;
+    let asked = sha256.clone();
+    if let Some(bytes) = state.blocking(move |state| Ok(state.ledger().scene(&asked)?)).await? {
+        return Ok((StatusCode::OK, answer(&sha256, bytes)).into_response());
+    }
+    let limit = state.limits().scene_bytes;
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse().ok());
+    let mut pieces = Pieces::new(&state, body, ("scene_bytes", limit));
+    if length.is_some_and(|length: u64| length > limit) {
+        return Err(pieces.refuse().await);
+    }
+    let most = state.limits().uploads as u64;
+    let _permit = state.uploads().try_acquire().map_err(|_| {
+        let detail = format!("{most} uploads are under way; wait for one of them");
+        Problem::limit(StatusCode::TOO_MANY_REQUESTS, "uploads", most, detail)
+    })?;
+    let refused = |state: &State, error: std::io::Error| {
+        state.runner().trouble.note(&format!("the data folder cannot be written: {error}"));
+        contract::refused(error)
+    };
+    let begun =
+        state.blocking(move |state| state.store().begin().map_err(|error| refused(state, error))).await;
+    let mut upload = match begun {
+        Ok(upload) => upload,
+        Err(problem) => {
+            pieces.end().await;
+            return Err(problem);
+        }
+    };
+    while let Some(piece) = pieces.next().await? {
+        let written = state.blocking(move |state| {
+            upload.write(&piece).map_err(|error| refused(state, error))?;
+            Ok(upload)
+        });
+        upload = match written.await {
+            Ok(upload) => upload,
+            Err(problem) => {
+                // What is still sent has no place, and its sender is to be told.
+                pieces.end().await;
+                return Err(problem);
+            }
+        };
+    }
+    let kept = sha256.clone();
+    let bytes = state
+        .blocking(move |state| {
+            let bytes = state.store().keep(upload, &kept, state.limits())?;
+            state.ledger().keep_scene(&kept, bytes)?;
+            Ok(bytes)
+        })
+        .await?;
+    metrics::counter!("raystream_uploaded_bytes_total").increment(bytes);
+    Ok((StatusCode::CREATED, answer(&sha256, bytes)).into_response())
+}

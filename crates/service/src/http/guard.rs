@@ -1,0 +1,179 @@
+//! What each request passes first: the host and origin that it names, and the token or cookie that it shows.
+
+use super::auth::COOKIE;
+use super::state::State;
+use crate::contract::Problem;
+use axum::extract::{ConnectInfo, MatchedPath, Request, State as Given};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use std::net::{IpAddr, SocketAddr};
+use std::time::Instant;
+
+/// Headers of every answer.
+const HEADERS: [(&str, &str); 5] = [
+    ("x-content-type-options", "nosniff"),
+    ("referrer-policy", "no-referrer"),
+    ("x-frame-options", "DENY"),
+    ("cross-origin-resource-policy", "same-origin"),
+    ("content-security-policy", "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'"),
+];
+
+/// Refuses requests that a foreign page or a foreign name leads here, and counts all.
+pub async fn origin(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    let (began, method) = (Instant::now(), request.method().clone());
+    let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
+    let mut response = match check_names(&state, request.uri(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    };
+    for (name, value) in HEADERS {
+        let name = HeaderName::from_static(name);
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
+    }
+    let code = response.status().as_u16().to_string();
+    let labels = [("route", route), ("method", method.to_string()), ("code", code)];
+    metrics::histogram!("raystream_http_request_seconds", &labels).record(began.elapsed().as_secs_f64());
+    response
+}
+
+/// Refuses requests without the token or a cookie that was given for it.
+pub async fn token(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    let checked = check_token(&state, request.method(), request.headers());
+    pass(&state, checked, request, next).await
+}
+
+/// Goes on with a request that is allowed, and trusts its connection.
+async fn pass(state: &State, checked: Result<(), Problem>, request: Request, next: Next) -> Response {
+    match checked {
+        Ok(()) => {
+            peer(&request).into_iter().for_each(|peer| state.connections().trust(peer));
+            next.run(request).await
+        }
+        Err(problem) => problem.into_response(),
+    }
+}
+
+/// The other end of the connection.
+fn peer(request: &Request) -> Option<SocketAddr> {
+    request.extensions().get::<ConnectInfo<SocketAddr>>().map(|peer| peer.0)
+}
+
+/// Headers by which proxies say that a request comes from elsewhere.
+const FORWARDED: [&str; 3] = ["forwarded", "x-forwarded-for", "via"];
+
+/// As [`token`], for clients of Drake's: their addresses may hold the token, as in `http://drake:TOKEN@HOST`, and where
+/// the service is started so, programs of this machine need none.
+pub async fn drake(Given(state): Given<State>, request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let is_local = peer(&request).is_some_and(|peer| peer.ip().is_loopback())
+        && !FORWARDED.iter().any(|name| headers.contains_key(*name));
+    let given = text(headers, header::AUTHORIZATION);
+    let is_allowed = match given.and_then(|given| given.strip_prefix("Basic ")) {
+        Some(given) => match password(given) {
+            Some(token) if state.auth().is_token(&token) => Ok(()),
+            _ => Err(refused("the token is wrong")),
+        },
+        None if given.is_none() && is_local && state.is_open_to_drake() => Ok(()),
+        None => check_token(&state, request.method(), headers),
+    };
+    pass(&state, is_allowed, request, next).await
+}
+
+/// The password of HTTP's basic authentication (RFC 7617).
+fn password(encoded: &str) -> Option<String> {
+    let text = String::from_utf8(STANDARD.decode(encoded.trim()).ok()?).ok()?;
+    text.split_once(':').map(|(_, password)| password.to_owned())
+}
+
+fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Compares host and origin. A name that resolves to this machine is no permission: pages of others can have one.
+fn check_names(state: &State, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    let host = host(uri, headers)?;
+    let name = host_name(host);
+    let is_known = name == "localhost"
+        || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()
+        || state.host_names().iter().any(|known| known.eq_ignore_ascii_case(name));
+    if !is_known {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            format!("{name:?} is no name of this service; start it with --name {name} to allow it"),
+        ));
+    }
+    if let Some(origin) = text(headers, header::ORIGIN) {
+        let authority = origin.split_once("://").map(|(_, authority)| authority);
+        if authority != Some(host) {
+            return Err(Problem::new(
+                StatusCode::FORBIDDEN,
+                format!("a page of {origin:?} may not use this service; open the service's own page"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The host that a request names: HTTP/2 has it in the address (`:authority`), HTTP/1.1 in a header. Where both stand,
+/// they are the same.
+fn host<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Result<&'a str, Problem> {
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Err(Problem::malformed("there are several Host headers"));
+    }
+    let of_address = uri.authority().map(Authority::as_str);
+    match (of_address, text(headers, header::HOST)) {
+        (Some(address), Some(header)) if !address.eq_ignore_ascii_case(header) => {
+            Err(Problem::malformed("the address and the Host header name different hosts"))
+        }
+        (Some(host), _) | (None, Some(host)) => Ok(host),
+        (None, None) => Err(Problem::malformed("there is no Host header")),
+    }
+}
+
+/// The name of a host without its port.
+fn host_name(host: &str) -> &str {
+    match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.is_empty() => name,
+        _ => host,
+    }
+}
+
+fn check_token(state: &State, method: &Method, headers: &HeaderMap) -> Result<(), Problem> {
+    if let Some(given) = text(headers, header::AUTHORIZATION) {
+        let is_token = given.strip_prefix("Bearer ").is_some_and(|token| state.auth().is_token(token));
+        return if is_token { Ok(()) } else { Err(refused("the token is wrong")) };
+    }
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut sessions = cookies
+        .flat_map(|cookies| cookies.split(';'))
+        .filter_map(|cookie| cookie.trim().strip_prefix(COOKIE)?.strip_prefix('='));
+    match sessions.next() {
+        Some(session) if state.auth().is_session(session) => {}
+        Some(_) => return Err(refused("the session has expired")),
+        None => return Err(refused("there is no token")),
+    }
+    // The origin has been compared; programs use the header.
+    let changes = !matches!(*method, Method::GET | Method::HEAD);
+    if changes && text(headers, header::ORIGIN).is_none() {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "a cookie changes nothing without an Origin header; programs send `Authorization: Bearer TOKEN`",
+        ));
+    }
+    Ok(())
+}
+
+fn refused(why: &str) -> Problem {
+    metrics::counter!("raystream_refused_tokens_total").increment(1);
+    Problem::new(
+        StatusCode::UNAUTHORIZED,
+        format!(
+            "{why}; programs send `Authorization: Bearer TOKEN`, the page asks for the token. It is in the file \
+             `token` of the data folder"
+        ),
+    )
+}

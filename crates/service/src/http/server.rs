@@ -1,0 +1,286 @@
+//! Listens, and ends in an orderly way.
+
+use super::auth::Auth;
+use super::connections::{Admission, Connections, room_for};
+use super::state::{Inner, State};
+use super::{api, roots, webhook};
+use crate::backend::RenderBackend;
+use crate::contract::Limits;
+use crate::coordinator::ledger::{Ledger, LedgerError};
+use crate::coordinator::store::Store;
+use crate::coordinator::{FarmOptions, KeptScene, OwnScene, Runner, Secret};
+use axum_server::Handle;
+use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{Semaphore, watch};
+
+/// Requests that have begun get this long to end.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// Requests at the same time on one connection of HTTP/2, and bytes of their headers.
+const STREAMS: u32 = 128;
+const HEAD_BYTES: u32 = 64 << 10;
+
+/// How often measured times are summed up.
+const DIGEST: Duration = Duration::from_secs(5);
+
+/// A certificate chain and its key, as PEM files.
+#[derive(Clone, Debug)]
+pub struct Tls {
+    /// The chain.
+    pub certificate: PathBuf,
+    /// The key.
+    pub key: PathBuf,
+}
+
+/// How the service is started.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The address; port 0 is any free one.
+    pub listen: SocketAddr,
+    /// The folder of all that is kept.
+    pub data: PathBuf,
+    /// Encryption.
+    pub tls: Option<Tls>,
+    /// True if an address of other machines is allowed without encryption.
+    pub insecure: bool,
+    /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
+    pub ca: Option<PathBuf>,
+    /// True if programs of this machine may use Drake's route without a token.
+    pub open_to_drake: bool,
+    /// Names of this service besides `localhost` and addresses.
+    pub names: Vec<String>,
+    /// What one request may ask for.
+    pub limits: Limits,
+    /// The scene that the live view shows unless another one is asked for.
+    pub scene: Option<OwnScene>,
+    /// How units of jobs reach their workers.
+    pub farm: FarmOptions,
+}
+
+/// Why the service cannot run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServeError {
+    /// Others could listen in.
+    #[error(
+        "{0} can be reached from other machines: add --tls-certificate and --tls-key, or --insecure if the network is \
+         trusted"
+    )]
+    Open(SocketAddr),
+    /// The address cannot be listened at.
+    #[error("{address}: cannot listen there: {source}")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Another service uses the data folder.
+    #[error("{0}: another service uses this folder; end it, or choose another (--data)")]
+    InUse(PathBuf),
+    /// A file cannot be used.
+    #[error("{path}: {source}")]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The ledger cannot be used.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// The system refuses threads or sockets.
+    #[error("the service cannot run: {0}")]
+    System(#[from] io::Error),
+}
+
+/// Ends the service from any thread.
+#[derive(Clone, Debug)]
+pub struct Stop(Arc<watch::Sender<bool>>);
+
+impl Default for Stop {
+    fn default() -> Self {
+        Self(Arc::new(watch::Sender::new(false)))
+    }
+}
+
+impl Stop {
+    /// Ends the service: requests end, units that are under way are given up or kept, and the process may end.
+    pub fn stop(&self) {
+        self.0.send_replace(true);
+    }
+}
+
+/// Runs the service until it is stopped. `listening` gets the address once requests are answered.
+///
+/// # Errors
+/// [`ServeError`] if it cannot begin.
+pub fn run(
+    options: Options,
+    backend: Arc<RenderBackend>,
+    stop: &Stop,
+    listening: impl FnOnce(SocketAddr) + Send + 'static,
+) -> Result<(), ServeError> {
+    let Options { listen, data, tls, insecure, ca, open_to_drake, names, limits, scene, farm } = options;
+    if !listen.ip().is_loopback() && tls.is_none() && !insecure {
+        return Err(ServeError::Open(listen));
+    }
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ServeError::File { path, source }
+    };
+    make_private(&data).map_err(failed(&data))?;
+    let _lock = lock(&data)?;
+    let auth = Auth::open(&data).map_err(failed(&data))?;
+    let secret = Secret::open(&data).map_err(failed(&data))?;
+    let ledger = Arc::new(Ledger::open(&data)?);
+    let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
+    let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
+    let recorder = PrometheusBuilder::new().build_recorder();
+    let metrics = recorder.handle();
+    // A process has one recorder; a second service of a test shares it.
+    let _ = metrics::set_global_recorder(recorder);
+    let kept = (Arc::clone(&ledger), Arc::clone(&store), secret);
+    let runner = Runner::start(kept, Arc::clone(&backend), limits, farm)?;
+    let state = State::new(Inner {
+        auth,
+        limits,
+        backend,
+        ledger,
+        store,
+        runner: Arc::clone(&runner),
+        host_names: names,
+        own_scene: scene,
+        is_secure: tls.is_some(),
+        is_open_to_drake: open_to_drake,
+        connections: Arc::new(Connections::new(room_for(limits.connections))),
+        metrics,
+        uploads: Semaphore::new(limits.uploads),
+        ending: stop.0.subscribe(),
+    });
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .thread_name("http")
+        .enable_io()
+        .enable_time()
+        .build()?;
+    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?)?;
+    runtime.spawn(digest(state.metrics().clone()));
+    let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
+    stop.stop();
+    runner.stop();
+    runtime.shutdown_timeout(GRACE);
+    served
+}
+
+async fn serve(
+    listen: SocketAddr,
+    tls: Option<Tls>,
+    state: State,
+    mut ending: watch::Receiver<bool>,
+    listening: impl FnOnce(SocketAddr) + Send + 'static,
+) -> Result<(), ServeError> {
+    let cannot = |source| ServeError::Listen { address: listen, source };
+    let listener = TcpListener::bind(listen).map_err(cannot)?;
+    listener.set_nonblocking(true).map_err(cannot)?;
+    let address = listener.local_addr().map_err(cannot)?;
+    let handle = Handle::new();
+    let stopper = handle.clone();
+    tokio::spawn(async move {
+        // The sender lives as long as the service.
+        let _ = ending.wait_for(|ending| *ending).await;
+        stopper.graceful_shutdown(Some(GRACE));
+    });
+    let (head_time, admission) = (state.limits().head_time, Admission(Arc::clone(state.connections())));
+    let app = api::router(state).into_make_service_with_connect_info::<SocketAddr>();
+    let acceptor = match tls {
+        None => None,
+        Some(Tls { certificate, key }) => {
+            let config = RustlsConfig::from_pem_file(&certificate, &key).await;
+            let config = config.map_err(|source| ServeError::File { path: certificate, source })?;
+            Some(RustlsAcceptor::new(config))
+        }
+    };
+    let mut server = axum_server::from_tcp(listener)?.handle(handle).first_request_timeout(head_time);
+    let http = server.http_builder();
+    http.http1().header_read_timeout(head_time);
+    // Whoever answers no ping in time has gone.
+    http.http2().keep_alive_interval(head_time).keep_alive_timeout(head_time);
+    http.http2().max_concurrent_streams(STREAMS).max_header_list_size(HEAD_BYTES);
+    listening(address);
+    match acceptor {
+        None => server.acceptor(admission).serve(app).await?,
+        Some(tls) => server.acceptor(tls.acceptor(admission)).serve(app).await?,
+    }
+    Ok(())
+}
+
+/// Sums up the times that have been measured. Until then each is kept, and no one may ask for `/metrics`.
+async fn digest(metrics: PrometheusHandle) {
+    let mut ticks = tokio::time::interval(DIGEST);
+    loop {
+        ticks.tick().await;
+        metrics.run_upkeep();
+    }
+}
+
+/// Makes the data folder, for its owner alone. One that is there becomes so: it holds secrets, scenes and pictures.
+fn make_private(data: &Path) -> io::Result<()> {
+    if data.is_dir() {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            if std::fs::metadata(data)?.permissions().mode() & 0o077 != 0 {
+                std::fs::set_permissions(data, PermissionsExt::from_mode(0o700)).map_err(|error| {
+                    let told =
+                        format!("others may enter it, and that cannot be changed ({error}); choose another");
+                    io::Error::other(told)
+                })?;
+                log::warn!(
+                    "{}: others could enter it; it is its owner's alone now (mode 0700)",
+                    data.display()
+                );
+            }
+        }
+        return Ok(());
+    }
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(data)
+}
+
+/// Keeps other services out of the data folder for as long as the file is open.
+fn lock(data: &Path) -> Result<std::fs::File, ServeError> {
+    let path = data.join("lock");
+    let file = std::fs::File::create(&path);
+    let file = file.map_err(|source| ServeError::File { path, source })?;
+    file.try_lock().map_err(|_| ServeError::InUse(data.to_owned()))?;
+    Ok(file)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn the_data_folder_is_its_owners_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mode = |path: &Path| std::fs::metadata(path).expect("it").permissions().mode() & 0o777;
+        let (open, new) = (folder.path().join("open"), folder.path().join("new"));
+        std::fs::create_dir(&open).expect("a folder");
+        std::fs::set_permissions(&open, PermissionsExt::from_mode(0o755)).expect("changed");
+        for data in [&open, &new] {
+            make_private(data).expect("made");
+            assert_eq!(mode(data), 0o700);
+        }
+    }
+}

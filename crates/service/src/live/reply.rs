@@ -1,0 +1,62 @@
+//! What a live view says beside frames, as JSON.
+
+use super::{Picked, Statistics, Timeline};
+use crate::contract::Pose;
+use serde::Serialize;
+
+/// A message to the client.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Reply {
+    /// The first message of a view: what it shows, and what can be chosen.
+    Hello {
+        /// The scene's name.
+        scene: String,
+        /// The scene's camera.
+        pose: Pose,
+        /// Least corner of the scene's bounding box.
+        least: [f32; 3],
+        /// Greatest corner of the scene's bounding box.
+        greatest: [f32; 3],
+        /// Number of triangles.
+        triangles: usize,
+        /// Names of the materials.
+        materials: Vec<String>,
+        /// Names of the view transforms.
+        views: Vec<&'static str>,
+        /// Names of the layers.
+        layers: Vec<&'static str>,
+        /// Names of the scheduler's policies.
+        policies: Vec<&'static str>,
+        /// Units that can trace.
+        units: Vec<&'static str>,
+        /// Name of the GPU adapter in use.
+        adapter: Option<String>,
+    },
+    /// How fast the view is.
+    Statistics(Statistics),
+    /// What the threads did during the last frame.
+    Timeline(Timeline),
+    /// What is seen at a pixel.
+    Picked {
+        /// The request's.
+        id: u32,
+        /// `None` if nothing is hit there.
+        hit: Option<Picked>,
+        /// Radiance of the pixel, linear Rec. 709; `None` before the first frame.
+        radiance: Option<[f32; 3]>,
+    },
+    /// Whether a shader could be attached.
+    Shader {
+        /// Index of the material.
+        material: u32,
+        /// Why not, with file, line and column.
+        error: Option<String>,
+    },
+    /// A request was refused or failed; the view shows what it did before.
+    Refused {
+        /// Why, and what to do.
+        reason: String,
+    },
+}

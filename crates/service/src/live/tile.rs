@@ -1,0 +1,138 @@
+//! Rows of a moving frame: rendered, shown as a display shows them, and encoded.
+
+use super::encoder::{MOVING_QUALITY, table};
+use super::strips;
+use crate::contract::{EditList, Edits, Tile, TileAsk};
+use raystream::engine::PreparedScene;
+use raystream::film::{Exposure, Image, Light, Look, Region, View};
+use raystream::render::{Integrator, Part, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings};
+use raystream::scene::Camera;
+use raystream::schedule::{JobOptions, Priority, Service};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often a tile under way looks whether it is still wanted.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// A scene, as a worker renders tiles of it.
+pub struct TileScene {
+    prepared: PreparedScene,
+    /// What a pose does not say of a camera.
+    camera: Camera,
+    service: Arc<Service>,
+    /// What was wanted last.
+    ready: Mutex<Ready>,
+}
+
+/// The scene with edits, and its frames of one size. A tile's film takes the memory of the one before it.
+struct Ready {
+    edits: EditList,
+    prepared: PreparedScene,
+    path: Option<PathTracer>,
+}
+
+impl std::fmt::Debug for TileScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("TileScene").field("camera", &self.camera).finish_non_exhaustive()
+    }
+}
+
+/// The camera that views of a scene begin with.
+pub(super) fn first_camera(prepared: &PreparedScene) -> Camera {
+    let scene = &prepared.scene;
+    scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0))
+}
+
+/// All samples of these rows of a picture.
+fn part(settings: &Settings, rows: Range<u32>) -> Part {
+    let Settings { width, spp, .. } = *settings;
+    let region = Region { x: 0, y: rows.start, width, height: rows.len() as u32 };
+    Part { region, samples: 0..spp }
+}
+
+/// A frame of these rows of a picture, from its first sample, without any job.
+pub(super) fn rows_of(path: PathTracer, rows: Range<u32>) -> Result<Progressive<PathTracer>, String> {
+    let part = path.with_part(part(path.frame().settings(), rows)).map_err(|error| error.to_string())?;
+    Ok(Progressive::new(part, PassOptions::default()))
+}
+
+/// A path tracer of moving frames.
+pub(super) fn path_tracer(
+    prepared: &PreparedScene,
+    camera: &Camera,
+    settings: Settings,
+) -> Result<PathTracer, String> {
+    let path = PathTracer::new(prepared.lit(), camera, settings, Some(ROULETTE_BOUNCES));
+    path.map_err(|error| error.to_string())
+}
+
+/// Rows of a moving frame as a JPEG with restart markers.
+pub(super) fn jpeg_of(image: &Image, look: &Look) -> Result<Vec<u8>, String> {
+    let colours = table(look.view()).bytes(image, look);
+    let encoded = strips::encode(&colours, [image.width, image.height], MOVING_QUALITY);
+    encoded.map_err(|error| error.to_string())
+}
+
+impl TileScene {
+    /// A scene without edits.
+    pub fn new(prepared: &PreparedScene, service: &Arc<Service>) -> Self {
+        // The first tile has no time to make it.
+        table(View::default());
+        let camera = first_camera(prepared);
+        let ready = Ready { edits: EditList::default(), prepared: prepared.clone(), path: None };
+        Self { prepared: prepared.clone(), camera, service: Arc::clone(service), ready: Mutex::new(ready) }
+    }
+
+    /// The scene with edits, and the rows of a frame that are asked for, with a film of their own.
+    fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
+        let camera = ask.pose.camera(&self.camera, ask.size).map_err(|error| error.to_string())?;
+        let [width, height] = ask.size;
+        let settings = Settings::new(width, height).with_seed(ask.seed).with_spp(ask.spp);
+        let settings = settings.with_max_bounces(ask.max_bounces);
+        let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        if ready.edits != ask.edits {
+            let scene = Edits::new(&ask.edits)?.of(&self.prepared.scene)?;
+            let prepared = self.prepared.with_scene(scene).map_err(|error| error.to_string())?;
+            *ready = Ready { edits: ask.edits.clone(), prepared, path: None };
+        }
+        let is_right = |path: &PathTracer| *path.frame().settings() == settings;
+        let path = match ready.path.take().filter(is_right) {
+            Some(path) => path,
+            None => path_tracer(&ready.prepared, &camera, settings)?,
+        };
+        let frame = path.frame().part_seen_by(&camera, part(&settings, ask.rows.clone()));
+        let rows = frame.map(|frame| path.with_frame(frame)).map_err(|error| error.to_string());
+        ready.path = Some(path);
+        Ok((ready.prepared.clone(), rows?))
+    }
+
+    /// Renders a tile at interactive priority. `None` if it was no longer wanted before it was ready.
+    ///
+    /// # Errors
+    /// Why it cannot be rendered.
+    pub fn tile(&self, ask: &TileAsk, is_wanted: impl Fn() -> bool) -> Result<Option<Tile>, String> {
+        let began = Instant::now();
+        let view = View::ALL.into_iter().find(|view| view.name() == ask.transform);
+        let view = view.ok_or_else(|| format!("{:?} is no view transform", ask.transform))?;
+        let (prepared, path) = self.rows(ask)?;
+        let path = Arc::new(path);
+        let options = JobOptions::default().with_name("live tile").with_priority(Priority::Interactive);
+        let job = prepared.submit(&self.service, Arc::clone(&path), options);
+        let job = job.map_err(|error| error.to_string())?;
+        while !job.wait_for(LOOK) {
+            if !is_wanted() {
+                // Dropping its handle cancels the job.
+                return Ok(None);
+            }
+        }
+        job.wait().map_err(|error| error.to_string())?;
+        let image = path.frame().develop(path.frame().film()).image;
+        let look = Look::default().with_view(view).with_exposure(Exposure::Stops(ask.stops));
+        let light = if ask.is_metered { Light::of(&image) } else { Light::default() };
+        let jpeg = Arc::new(jpeg_of(&image, &look)?);
+        let seconds = began.elapsed().as_secs_f64();
+        let rows = ask.rows.clone();
+        Ok(Some(Tile { rows, light: (light.logarithms, light.pixels), seconds, jpeg }))
+    }
+}
