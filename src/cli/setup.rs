@@ -1,11 +1,6 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
-#[cfg(feature = "gpu")]
-use super::args::ShadeChoice;
 use super::args::{PolicyChoice, TracerChoice, UnitArgs};
-use super::stats::ShadingStats;
-#[cfg(feature = "gpu")]
-use crate::engine::Shading;
 use crate::engine::{PreparedScene, UnitChoice, Units};
 use crate::memory::MemoryBudget;
 use crate::picture::{afford, scene_file};
@@ -14,6 +9,7 @@ use crate::scene::load::LoadOptions;
 use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
 #[cfg(feature = "serve")]
 use crate::serve::SharedUnits;
+use crate::stream::DeviceTracer;
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -87,19 +83,6 @@ impl Setup {
         Ok(Self { prepared, units, service, simd, policy, load_s, build_s })
     }
 
-    /// What a GPU has computed of shaders, and why some were not given to it.
-    pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
-        let events = self.prepared.unshaded.clone();
-        #[cfg(feature = "gpu")]
-        {
-            (ShadingStats::of(&self.prepared.shading_reports()), events)
-        }
-        #[cfg(not(feature = "gpu"))]
-        {
-            (None, events)
-        }
-    }
-
     /// Says that the fault of `--inject` has not happened, if it has not.
     pub fn idle_fault(&self) -> Option<String> {
         let fault = self.units.idle_fault()?;
@@ -110,20 +93,8 @@ impl Setup {
 /// Dispatch threads that keep the GPU busy: as many as its measured sizes say, or RA's.
 fn dispatch_threads(tracers: &Tracers) -> usize {
     let usual = ServiceOptions::default().dispatch_threads;
-    let stages = if tracers.shading == Unit::Cpu { 0 } else { usual };
-    let traces =
-        tracers.device.as_ref().map(|device| device.sizing().map_or(usual, |sizing| sizing.in_flight));
-    traces.unwrap_or(0).max(stages)
-}
-
-/// The unit that computes shaders of surfaces.
-#[cfg(feature = "gpu")]
-fn shading(choice: ShadeChoice) -> Shading {
-    match choice {
-        ShadeChoice::Cpu => Shading::Cpu,
-        ShadeChoice::Gpu => Shading::Gpu,
-        ShadeChoice::Auto => Shading::Auto,
-    }
+    let of = |device: &Arc<dyn DeviceTracer>| device.sizing().map_or(usual, |sizing| sizing.in_flight);
+    tracers.device.as_ref().map_or(0, of)
 }
 
 /// Opens the units for all scenes of a process and starts the threads. At most `max_jobs` jobs run at a time, in fair
@@ -151,10 +122,6 @@ fn host_threads(args: &UnitArgs) -> usize {
 /// The units to open.
 fn unit_choice(unit: Option<Unit>, simd: SimdLevel, args: &UnitArgs) -> UnitChoice {
     let mut choice = UnitChoice::auto().with_simd(simd);
-    #[cfg(feature = "gpu")]
-    {
-        choice = choice.with_shading(shading(args.shade));
-    }
     if let Some(unit) = unit {
         choice = choice.with_unit(unit);
     }

@@ -47,8 +47,6 @@ pub use serve::{
 pub use shaders::ShadersCommand;
 pub use spec::SpecArgs;
 pub use trace::{MeshArgs, TraceArgs};
-#[cfg(feature = "gpu")]
-pub use units::ShadeChoice;
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 
 use clap::{Parser, Subcommand};

@@ -83,7 +83,6 @@ fn name(kind: TaskKind) -> &'static str {
         TaskKind::Shade => "shade",
         TaskKind::Trace => "trace",
         TaskKind::Dispatch => "dispatch",
-        TaskKind::Stage => "stage",
     }
 }
 

@@ -132,7 +132,6 @@ impl Timeline {
             TaskKind::Shade => 1,
             TaskKind::Trace => 2,
             TaskKind::Dispatch => 3,
-            TaskKind::Stage => 4,
         };
         let mut tasks: Vec<_> = report
             .timeline
