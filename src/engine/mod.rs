@@ -4,14 +4,10 @@
 
 mod alpha_filter;
 mod prepared_scene;
-#[cfg(all(feature = "gpu", feature = "wgsl"))]
-mod shading;
 mod tree;
 mod units;
 
 pub use prepared_scene::PreparedScene;
-#[cfg(all(feature = "gpu", feature = "wgsl"))]
-pub use shading::Shading;
 pub use tree::{MIN_SAVED_TRIANGLES, build as build_tree};
 #[cfg(feature = "gpu")]
 pub use units::calibration_host;

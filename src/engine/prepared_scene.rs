@@ -64,8 +64,6 @@ pub struct PreparedScene {
     pub adapter: Option<String>,
     /// Why a requested GPU is not used, or not for all of its work. The CPU does that.
     pub degraded: Option<String>,
-    /// Why patterns and BSDFs in WGSL are computed by the CPU that a GPU was to compute.
-    pub unshaded: Vec<String>,
     units: Units,
     device: Option<Device>,
     /// Prepared when first needed.
@@ -104,24 +102,10 @@ impl PreparedScene {
             }
             Err(reason) => (None, Some(reason)),
         };
-        let unshaded = unshaded(units, &scene);
         let tracers = tracers(host, device.as_ref(), units, &scene);
         let adapter = device.as_ref().and_then(|_| units.adapter());
         let (units, lit, scene_hash) = (units.clone(), OnceLock::new(), OnceLock::new());
-        Self {
-            scene,
-            bvh,
-            tracers,
-            filter,
-            single_ray,
-            adapter,
-            degraded,
-            unshaded,
-            units,
-            device,
-            lit,
-            scene_hash,
-        }
+        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, units, device, lit, scene_hash }
     }
 
     /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
@@ -168,7 +152,6 @@ impl PreparedScene {
             bvh: Arc::clone(&self.bvh),
             adapter: self.adapter.clone(),
             degraded: self.degraded.clone(),
-            unshaded: unshaded(&self.units, &scene),
             units: self.units.clone(),
             lit: OnceLock::new(),
             scene_hash: OnceLock::new(),
@@ -320,12 +303,6 @@ impl PreparedScene {
         service.submit(renderer, self.tracers.clone(), options)
     }
 
-    /// What the GPU has computed of each pattern and BSDF that it was given.
-    #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    pub fn shading_reports(&self) -> Vec<crate::program::gpu::ShadingReport> {
-        super::shading::reports(&self.scene)
-    }
-
     /// The GPU's tracers with each kind of kernel, for comparison. Empty without a GPU.
     ///
     /// # Errors
@@ -348,18 +325,6 @@ impl fmt::Debug for PreparedScene {
     }
 }
 
-/// Gives shaders of surfaces to the GPU; returns why some stay on the CPU.
-#[cfg_attr(
-    not(all(feature = "gpu", feature = "wgsl")),
-    expect(unused_variables, reason = "only the GPU needs them")
-)]
-fn unshaded(units: &Units, scene: &Scene) -> Vec<String> {
-    #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    return units.attach_shaders(scene);
-    #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
-    Vec::new()
-}
-
 /// The CPU's tracers: of streams, and of single rays.
 fn host_tracers(
     bvh: &Arc<Bvh>,
@@ -374,7 +339,7 @@ fn host_tracers(
 
 /// The tracers of a scene's jobs.
 fn tracers(host: Arc<dyn Tracer>, device: Option<&Device>, units: &Units, scene: &Arc<Scene>) -> Tracers {
-    let tracers = Tracers::cpu(host).with_shading(units.shading_unit()).for_scene(SceneId::of(scene));
+    let tracers = Tracers::cpu(host).for_scene(SceneId::of(scene));
     match device {
         Some(device) => tracers.with_device(device.tracer(), units.unit()),
         None => tracers,

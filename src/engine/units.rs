@@ -1,7 +1,5 @@
 //! The units of this machine: opened once and shared by all scenes.
 
-#[cfg(all(feature = "gpu", feature = "wgsl"))]
-use super::Shading;
 use crate::bvh::{Bvh, Filter};
 use crate::profile;
 use crate::schedule::Unit;
@@ -32,8 +30,6 @@ pub struct UnitChoice {
     cache: Option<PathBuf>,
     #[cfg(feature = "gpu")]
     fault: Option<Fault>,
-    #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    shading: Shading,
 }
 
 impl Default for UnitChoice {
@@ -54,8 +50,6 @@ impl UnitChoice {
             cache: None,
             #[cfg(feature = "gpu")]
             fault: None,
-            #[cfg(all(feature = "gpu", feature = "wgsl"))]
-            shading: Shading::Cpu,
         }
     }
 
@@ -82,28 +76,9 @@ impl UnitChoice {
         Self { cache: Some(folder.into()), ..self }
     }
 
-    /// Chooses the unit that computes patterns and BSDFs in WGSL; by default the CPU.
-    #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    pub fn with_shading(self, shading: Shading) -> Self {
-        Self { shading, ..self }
-    }
-
     /// True if a GPU is to trace.
-    fn traces_on_gpu(&self) -> bool {
-        self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu)
-    }
-
-    /// True if a GPU is to do anything.
     fn requests_gpu(&self) -> bool {
-        self.traces_on_gpu() || self.shades().0
-    }
-
-    /// Whether a GPU is to compute shaders of surfaces, and even a software adapter.
-    fn shades(&self) -> (bool, bool) {
-        #[cfg(all(feature = "gpu", feature = "wgsl"))]
-        return (self.shading != Shading::Cpu, self.shading == Shading::Gpu);
-        #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
-        (false, false)
+        self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu)
     }
 
     /// Injects failures of the GPU, for tests.
@@ -119,15 +94,11 @@ impl UnitChoice {
 pub struct Units {
     simd: SimdLevel,
     unit: Unit,
-    pub(super) gpu: Gpus,
-    /// True if a GPU traces; it may be there for shading alone.
-    traces: bool,
-    #[cfg(all(feature = "gpu", feature = "wgsl"))]
-    pub(super) shading: Shading,
+    gpu: Gpus,
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Gpus {
+enum Gpus {
     NotRequested,
     Unavailable(String),
     #[cfg(feature = "gpu")]
@@ -198,14 +169,7 @@ const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": i
 impl Units {
     /// The CPU alone, with the best instruction set it supports.
     pub fn cpu() -> Self {
-        Self {
-            simd: SimdLevel::detect(),
-            unit: Unit::Cpu,
-            gpu: Gpus::NotRequested,
-            traces: false,
-            #[cfg(all(feature = "gpu", feature = "wgsl"))]
-            shading: Shading::Cpu,
-        }
+        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::NotRequested }
     }
 
     /// Opens the units. It is no error if a requested GPU cannot be opened: the CPU does its work, and every
@@ -231,14 +195,7 @@ impl Units {
         if choice.fault.is_some() && !matches!(gpu, Gpus::Open(_)) {
             return Err(UnitsError::NothingToInject);
         }
-        Ok(Self {
-            simd,
-            unit: choice.unit.unwrap_or(Unit::Hybrid),
-            traces: choice.traces_on_gpu(),
-            gpu,
-            #[cfg(all(feature = "gpu", feature = "wgsl"))]
-            shading: choice.shading,
-        })
+        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
     }
 
     /// Instruction set of the CPU tracer.
@@ -249,18 +206,6 @@ impl Units {
     /// Which units trace if there is a GPU.
     pub(super) fn unit(&self) -> Unit {
         self.unit
-    }
-
-    /// Which units compute shaders of surfaces if there is a GPU.
-    pub(super) fn shading_unit(&self) -> Unit {
-        #[cfg(all(feature = "gpu", feature = "wgsl"))]
-        return match self.shading {
-            Shading::Cpu => Unit::Cpu,
-            Shading::Gpu => Unit::Gpu,
-            Shading::Auto => Unit::Hybrid,
-        };
-        #[cfg(not(all(feature = "gpu", feature = "wgsl")))]
-        Unit::Cpu
     }
 
     /// Name of the GPU adapter in use.
@@ -290,7 +235,6 @@ impl Units {
         host: &Arc<dyn Tracer>,
     ) -> Result<Option<Device>, String> {
         match &self.gpu {
-            _ if !self.traces => Ok(None),
             Gpus::NotRequested => Ok(None),
             Gpus::Unavailable(reason) => Err(reason.clone()),
             #[cfg(feature = "gpu")]
@@ -327,9 +271,7 @@ impl Units {
 
 #[cfg(feature = "gpu")]
 fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
-    let is_requested =
-        choice.unit.is_some_and(|unit| unit != Unit::Cpu) || choice.adapter.is_some() || choice.shades().1;
-    let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: is_requested };
+    let adapter = AdapterChoice { name: choice.adapter.clone(), allow_software: true };
     let measured = |gpu: Gpu| match &choice.cache {
         Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, choice.simd)),
         None => gpu,
@@ -340,9 +282,6 @@ fn open_gpu(choice: &UnitChoice) -> Result<Gpus, UnitsError> {
             None => gpu,
         }))),
         Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
-        Err(GpuError::NoAdapter { .. } | GpuError::OnlySoftware { .. }) if !is_requested => {
-            Ok(Gpus::NotRequested)
-        }
         Err(error) => Ok(Gpus::Unavailable(error.to_string())),
     }
 }

@@ -2,18 +2,16 @@
 
 use super::code::Register;
 #[cfg(feature = "gpu")]
-use super::device::{Program, ShadingDevice};
+use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
 use super::parameter::Parameter;
 use super::source::ShaderError;
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
-#[cfg(feature = "gpu")]
-use crate::scene::DeviceSurface;
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
 #[cfg(feature = "gpu")]
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 const PREPARE: Signature = Signature {
     name: "prepare",
@@ -75,9 +73,6 @@ pub struct BsdfShader {
     evaluate: Prepared,
     sample: Prepared,
     transmits: bool,
-    /// What computes its answers before hits are shaded.
-    #[cfg(feature = "gpu")]
-    device: OnceLock<Box<dyn ShadingDevice>>,
 }
 
 /// A function that takes the state of a point, lowered together with `prepare`, which computes that state: what does
@@ -136,8 +131,6 @@ impl BsdfShader {
             loaded,
             evaluate,
             sample,
-            #[cfg(feature = "gpu")]
-            device: OnceLock::new(),
         })
     }
 
@@ -151,8 +144,8 @@ impl BsdfShader {
         &self.loaded.parameters
     }
 
-    /// What a device computes: `prepare`, then `evaluate` and `sample` for what a shader will ask
-    /// ([`crate::scene::Asked`]).
+    /// What a device computes: `prepare`, then `evaluate` and `sample`. What they are asked follows the scalars of the
+    /// point: `wo` and `wi`, then the random numbers of `sample`.
     ///
     /// # Errors
     /// When the functions together are too long.
@@ -160,12 +153,6 @@ impl BsdfShader {
     pub(super) fn program(&self) -> Result<Program, ShaderError> {
         let code = self.loaded.fork(&PREPARE, [&EVALUATE, &SAMPLE])?;
         Ok(Program { file: self.file.clone(), code: Arc::new(code) })
-    }
-
-    /// Where a device is kept that computes it.
-    #[cfg(feature = "gpu")]
-    pub(super) fn device(&self) -> &OnceLock<Box<dyn ShadingDevice>> {
-        &self.device
     }
 
     /// Number of operations of `evaluate` and of `sample`, each with `prepare`; loops counted once.
@@ -222,10 +209,5 @@ impl Scattering for BsdfShader {
 
     fn transmits(&self) -> bool {
         self.transmits
-    }
-
-    #[cfg(feature = "gpu")]
-    fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        self.device.get().map(|device| &**device as &dyn DeviceSurface)
     }
 }

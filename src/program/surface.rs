@@ -1,7 +1,7 @@
 //! Patterns: shaders that compute the finish of a surface.
 
 #[cfg(feature = "gpu")]
-use super::device::{Program, ShadingDevice};
+use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
@@ -11,18 +11,13 @@ use super::parameter::Parameter;
 use super::run::BLOCK;
 use super::source::{Fault, ShaderError};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
-#[cfg(feature = "gpu")]
-use crate::scene::DeviceSurface;
 use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
     Procedural,
 };
 use naga::Span;
-use std::any::Any;
 use std::fmt;
 use std::ops::Range;
-#[cfg(feature = "gpu")]
-use std::sync::OnceLock;
 
 const PATTERN: Signature = Signature {
     name: "pattern",
@@ -32,7 +27,7 @@ const PATTERN: Signature = Signature {
 };
 
 /// Programs of fewer instructions are computed where hits are shaded: for them it costs more to read the hits twice.
-const MIN_STAGED: usize = 48;
+const MIN_IN_BLOCKS: usize = 48;
 
 /// A pattern in WGSL: a file with `fn pattern(at: Point) -> Finish`, computed at each hit. It is a [`Procedural`]
 /// surface like those in Rust.
@@ -71,9 +66,6 @@ pub struct PatternShader {
     inputs: PointInputs,
     effects: Effects,
     block: Option<usize>,
-    /// What computes the pattern before hits are shaded.
-    #[cfg(feature = "gpu")]
-    device: OnceLock<Box<dyn ShadingDevice>>,
 }
 
 impl fmt::Debug for PatternShader {
@@ -118,11 +110,9 @@ impl PatternShader {
             hash: loaded.hash(),
             inputs: kernel.inputs(),
             parameters: loaded.parameters,
-            block: (kernel.code.instructions.len() >= MIN_STAGED).then_some(BLOCK),
+            block: (kernel.code.instructions.len() >= MIN_IN_BLOCKS).then_some(BLOCK),
             kernel,
             effects,
-            #[cfg(feature = "gpu")]
-            device: OnceLock::new(),
         })
     }
 
@@ -145,12 +135,6 @@ impl PatternShader {
     /// Number of operations that a point takes, loops counted once.
     pub fn operations(&self) -> usize {
         self.kernel.code.instructions.len()
-    }
-
-    /// Where a device is kept that computes the pattern.
-    #[cfg(feature = "gpu")]
-    pub(super) fn device(&self) -> &OnceLock<Box<dyn ShadingDevice>> {
-        &self.device
     }
 
     /// The same pattern, computed for blocks of this many hits, a multiple of 16; `None` for as many as there are
@@ -191,20 +175,11 @@ impl BlockSurface for PatternShader {
         self.block.unwrap_or(CHUNK)
     }
 
-    fn as_any(&self) -> &dyn Any {
-        self
-    }
-
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns) {
         let block = self.block.unwrap_or(CHUNK);
         for start in (0..points).step_by(block) {
             self.compute_piece(lanes, start..points.min(start + block), from, to);
         }
-    }
-
-    #[cfg(feature = "gpu")]
-    fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        self.device.get().map(|device| &**device as &dyn DeviceSurface)
     }
 }
 

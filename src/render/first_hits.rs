@@ -66,7 +66,6 @@ pub(super) struct GivenRays<P> {
     rays: Vec<Ray>,
     hits: Vec<Hit>,
     payloads: Vec<P>,
-    staged: Vec<u32>,
 }
 
 impl<P: Copy> GivenRays<P> {
@@ -75,17 +74,14 @@ impl<P: Copy> GivenRays<P> {
         let len = batch.rays.len() - left_out.len();
         let (mut rays, mut hits, mut payloads) =
             (Vec::with_capacity(len), Vec::with_capacity(len), Vec::with_capacity(len));
-        let words = batch.staged.len() / batch.rays.len();
-        let mut staged = Vec::with_capacity(words * len);
         let mut start = 0;
         for end in left_out.iter().map(|&i| i as usize).chain([batch.rays.len()]) {
             rays.extend_from_slice(&batch.rays[start..end]);
             hits.extend_from_slice(&batch.hits[start..end]);
             payloads.extend_from_slice(&batch.payloads[start..end]);
-            staged.extend_from_slice(&batch.staged[words * start..words * end]);
             start = end + 1;
         }
-        Self { rays, hits, payloads, staged }
+        Self { rays, hits, payloads }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -94,7 +90,7 @@ impl<P: Copy> GivenRays<P> {
 
     /// As a batch.
     pub fn batch(&self) -> Batch<'_, P> {
-        Batch { rays: &self.rays, hits: &self.hits, payloads: &self.payloads, staged: &self.staged }
+        Batch { rays: &self.rays, hits: &self.hits, payloads: &self.payloads }
     }
 }
 
@@ -116,8 +112,7 @@ impl Frame {
         first.clear();
         if !transparent && wants_hits && first.fill_if_all(batch.payloads, &sample_of) {
             // Misses among them are passed over while sorting.
-            let first_hits =
-                Batch { rays: batch.rays, hits: batch.hits, payloads: &first.samples, staged: &[] };
+            let first_hits = Batch { rays: batch.rays, hits: batch.hits, payloads: &first.samples };
             self.simd().run(AddHits { frame: self, layers, plan, first: first_hits });
             SPARE.set(first);
             return None;
@@ -139,8 +134,7 @@ impl Frame {
             }
         }
         if !first.rays.is_empty() {
-            let first_hits =
-                Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples, staged: &[] };
+            let first_hits = Batch { rays: &first.rays, hits: &first.hits, payloads: &first.samples };
             self.simd().run(AddHits { frame: self, layers, plan, first: first_hits });
         }
         SPARE.set(first);

@@ -6,7 +6,7 @@ use crate::lanes::SimdLevel;
 use crate::scene::Camera;
 use crate::schedule::{Batch, Output, Renderer, SceneId};
 use crate::shade::{LitScene, LoopStack};
-use crate::stream::{DeviceError, DeviceReport, Ray};
+use crate::stream::Ray;
 use bytemuck::Pod;
 use std::fmt;
 use std::sync::Arc;
@@ -120,24 +120,6 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     /// they compute the interactions anyway, and may let camera rays pass surfaces.
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
-
-    /// [`Renderer::staged_words`]. Only shaders of this crate take what a device has computed from [`Batch::staged`];
-    /// they have the device compute it by [`HitShader::stage`].
-    #[doc(hidden)]
-    fn staged_words(&self, _frame: &Frame) -> usize {
-        0
-    }
-
-    /// [`Renderer::stage`].
-    #[doc(hidden)]
-    fn stage(
-        &self,
-        _frame: &Frame,
-        _batch: &Batch<'_, Self::Payload>,
-        _words: &mut [u32],
-    ) -> Result<DeviceReport, DeviceError> {
-        Ok(DeviceReport::default())
-    }
 }
 
 /// Memory that the paths of a frame share while it is rendered.
@@ -271,14 +253,6 @@ impl<S: HitShader> Renderer for HitShading<S> {
             Some(given) if given.is_empty() => {}
             Some(given) => shader.shade(frame, memory, given.batch(), out),
         }
-    }
-
-    fn staged_words(&self) -> usize {
-        self.shader.staged_words(&self.frame)
-    }
-
-    fn stage(&self, batch: Batch<'_, S::Payload>, words: &mut [u32]) -> Result<DeviceReport, DeviceError> {
-        self.shader.stage(&self.frame, &batch, words)
     }
 
     #[inline]

@@ -24,7 +24,6 @@ mod part;
 mod partial_film;
 mod pass;
 mod patch;
-mod path_hits;
 mod path_state;
 mod path_tracer;
 mod picture_version;
@@ -38,7 +37,6 @@ pub mod recursion;
 mod recursive_whitted;
 mod sequence;
 mod single_ray;
-mod staging;
 mod summed;
 #[cfg(test)]
 mod tests;

@@ -2,20 +2,19 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
-use super::path_hits::PathHits;
 use super::path_state::{DEPTH, DEPTH_BITS, PathState};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{Camera, Staged};
+use crate::scene::{BlockFinishes, Camera};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
+use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
-use crate::shade::stage::{self, Stage, StagedRows};
 use crate::shade::{
-    Bsdf, Cone, Interaction, LightSample, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
+    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
 };
-use crate::stream::{DeviceError, DeviceReport, Ray};
+use crate::stream::Ray;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
@@ -83,7 +82,7 @@ impl PathShader {
 
 /// Sampler dimensions that each depth uses, from [`Dimension::at`] on.
 #[derive(Clone, Copy)]
-pub(super) enum Dimension {
+enum Dimension {
     Light = 0,
     LightPoint = 1,
     Lobe = 2,
@@ -128,7 +127,7 @@ fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
 
 /// [`PathState`] in lanes.
 #[derive(Clone, Copy)]
-pub(super) struct States<L: Lanes> {
+struct States<L: Lanes> {
     throughput: Vector<L>,
     index2: Num<L>,
     pub cone: Cone<L>,
@@ -178,11 +177,7 @@ impl<L: Lanes> States<L> {
 
 /// Receivers of light at hits. `is_frosted` tells whether light from below counts.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(super) fn receiver<L: Lanes>(
-    frame: &Frame,
-    at: &Interaction<L>,
-    is_frosted: impl Fn() -> bool,
-) -> Receiver<L> {
+fn receiver<L: Lanes>(frame: &Frame, at: &Interaction<L>, is_frosted: impl Fn() -> bool) -> Receiver<L> {
     let mut receiver = Receiver::position_of(at);
     if frame.lights().are_many() {
         receiver = Receiver::of(at);
@@ -195,7 +190,7 @@ pub(super) fn receiver<L: Lanes>(
 
 /// The light that is sampled at hits.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(super) fn light_sample<L: Lanes>(
+fn light_sample<L: Lanes>(
     frame: &Frame,
     receiver: &Receiver<L>,
     sampler: &Sampler<L>,
@@ -228,6 +223,15 @@ impl<L: Lanes> Place<'_, L> {
     }
 }
 
+impl HitSource for Batch<'_, PathState> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>) {
+        let hits = hits_of(self, ids);
+        let cone = States::of(self.payloads, ids).cone.at(hits.t);
+        (rays_of(self, ids).1, hits, cone.width)
+    }
+}
+
 /// A batch being shaded.
 struct Shading<'a, 'o> {
     shader: &'a PathShader,
@@ -242,7 +246,6 @@ impl LaneTask for Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
-        let rows = StagedRows::new(self.batch.staged, self.batch.rays.len());
         for run in sort(l, self.batch.hits, scene).runs() {
             let mut by_channel = None;
             if let Some(material) = run.material {
@@ -251,9 +254,9 @@ impl LaneTask for Shading<'_, '_> {
                 by_channel = ByChannel::sorted(material, run.rays, self.batch.payloads, seed);
             }
             for part in 0..if by_channel.is_none() { 1 } else { ByChannel::PARTS } {
-                let mut stage = run.material.and_then(|number| {
-                    Stage::of::<PathHits<'_>>(scene, &scene.materials[number as usize], rows)
-                });
+                let mut blocks = run
+                    .material
+                    .and_then(|number| FinishBlocks::of(scene, &scene.materials[number as usize]));
                 let (of_part, dispersed) = match &by_channel {
                     None => (run.rays, None),
                     Some(sorted) => sorted.part(part),
@@ -266,9 +269,9 @@ impl LaneTask for Shading<'_, '_> {
                         Some(material) => {
                             let next = (i + 1) * L::LANES;
                             prefetch_hits(&scene.mesh, self.batch.hits, of_part, next, L::LANES);
-                            let source = PathHits { frame: self.frame, batch: &self.batch };
-                            let staged = Stage::reach(&mut stage, l, of_part, i * L::LANES, &source);
-                            self.hit(material, dispersed, staged, ids, lanes);
+                            let at = i * L::LANES;
+                            let finishes = FinishBlocks::reach(&mut blocks, l, of_part, at, &self.batch);
+                            self.hit(material, dispersed, finishes, ids, lanes);
                         }
                     }
                 }
@@ -305,7 +308,7 @@ impl Shading<'_, '_> {
         &mut self,
         number: u32,
         dispersed: Option<&OneChannel>,
-        staged: Option<Staged<'_>>,
+        finishes: Option<BlockFinishes<'_>>,
         ids: Int<L>,
         lanes: Mask<L>,
     ) {
@@ -317,7 +320,7 @@ impl Shading<'_, '_> {
         let (origin, direction) = rays_of(&self.batch, ids);
         let cone = state.cone.at(t);
         let mut at = Interaction::without_finish(scene, material, direction, &hits, cone.width);
-        at.set_finish(scene, material, staged);
+        at.set_finish(scene, material, finishes);
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }
@@ -355,8 +358,7 @@ impl Shading<'_, '_> {
             None => &material.surface,
             Some(one) => &one.surface,
         };
-        let mut bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
-        bsdf.set_staged(staged);
+        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
         let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
@@ -531,19 +533,6 @@ impl HitShader for PathShader {
     fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {
         let first = PathState::start(frame.cone());
         move |pixel, sample| PathState { pixel, sample, ..first }
-    }
-
-    fn staged_words(&self, frame: &Frame) -> usize {
-        stage::staged_words::<PathHits<'_>>(frame.scene())
-    }
-
-    fn stage(
-        &self,
-        frame: &Frame,
-        batch: &Batch<'_, PathState>,
-        words: &mut [u32],
-    ) -> Result<DeviceReport, DeviceError> {
-        frame.stage(batch.hits, &PathHits { frame, batch }, words)
     }
 
     fn shade(

@@ -35,7 +35,7 @@ impl<R: Renderer> Renderer for RayByRay<R> {
     fn shade(&self, batch: Batch<'_, R::Payload>, out: &mut Output<'_, R::Payload, R::ShadowPayload>) {
         for i in 0..batch.rays.len() {
             let (rays, hits, payloads) = (&batch.rays[i..=i], &batch.hits[i..=i], &batch.payloads[i..=i]);
-            self.0.shade(Batch { rays, hits, payloads, staged: &[] }, out);
+            self.0.shade(Batch { rays, hits, payloads }, out);
         }
     }
 

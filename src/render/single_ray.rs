@@ -130,7 +130,7 @@ impl<'a, R: Renderer> Walk<'a, R> {
             let Self { renderer, rays, payloads, shadow_rays, shadow_payloads, .. } = self;
             let (rays, shadow_rays) = (rays.appender(), shadow_rays.appender());
             renderer.shade(
-                Batch { rays: &[ray], hits: &hit, payloads: &[payload], staged: &[] },
+                Batch { rays: &[ray], hits: &hit, payloads: &[payload] },
                 &mut Output { rays, payloads, shadow_rays, shadow_payloads },
             );
             self.settle_shadows();

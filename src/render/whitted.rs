@@ -5,12 +5,12 @@ use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{Camera, Staged};
+use crate::scene::{BlockFinishes, Camera};
 use crate::schedule::{Batch, Output};
+use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
-use crate::shade::stage::{self, HitSource, Stage, StagedRows};
 use crate::shade::{ArenaUse, Cone, Hits, LitScene, sort};
-use crate::stream::{DeviceError, DeviceReport, Ray};
+use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 
 /// Bits of [`WhittedState::depth_and_cone`] that count rays.
@@ -129,19 +129,18 @@ impl LaneTask for Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) {
         let scene = self.frame.scene();
-        let rows = StagedRows::new(self.batch.staged, self.batch.rays.len());
         for run in sort(l, self.batch.hits, scene).runs() {
-            let mut stage = run.material.and_then(|number| {
-                Stage::of::<Batch<'_, WhittedState>>(scene, &scene.materials[number as usize], rows)
-            });
+            let mut blocks =
+                run.material.and_then(|number| FinishBlocks::of(scene, &scene.materials[number as usize]));
             for (i, rays) in run.rays.chunks(L::LANES).enumerate() {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let goes_on = match run.material {
                     None => self.miss(ids, lanes),
                     Some(material) => {
-                        let staged = Stage::reach(&mut stage, l, run.rays, i * L::LANES, &self.batch);
-                        self.hit(material, staged, ids, lanes)
+                        let at = i * L::LANES;
+                        let finishes = FinishBlocks::reach(&mut blocks, l, run.rays, at, &self.batch);
+                        self.hit(material, finishes, ids, lanes)
                     }
                 };
                 let mut ended = L::array(0);
@@ -170,7 +169,7 @@ impl Shading<'_, '_> {
     fn hit<L: Lanes>(
         &mut self,
         number: u32,
-        staged: Option<Staged<'_>>,
+        finishes: Option<BlockFinishes<'_>>,
         ids: Int<L>,
         lanes: Mask<L>,
     ) -> Mask<L> {
@@ -179,7 +178,7 @@ impl Shading<'_, '_> {
         let hits = hits_of(&self.batch, ids);
         let t = hits.t;
         let material = &frame.scene().materials[number as usize];
-        let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone, staged);
+        let node = Node::new(frame, material, rays_of(&self.batch, ids).1, &hits, state.cone, finishes);
         let shines = lanes & !node.emitted.is_zero();
         let target = frame.target(state.pixel, state.sample);
         frame.splat_lanes(Some(number), shines, target, state.throughput * node.emitted);
@@ -291,19 +290,6 @@ impl HitShader for WhittedShader {
         let depth_and_cone = frame.cone().pack().get() << DEPTH_BITS;
         let (throughput, branch, head) = ([1.0; 3], 1, EMPTY);
         move |pixel, sample| WhittedState { throughput, pixel, sample, depth_and_cone, branch, head }
-    }
-
-    fn staged_words(&self, frame: &Frame) -> usize {
-        stage::staged_words::<Batch<'_, WhittedState>>(frame.scene())
-    }
-
-    fn stage(
-        &self,
-        frame: &Frame,
-        batch: &Batch<'_, WhittedState>,
-        words: &mut [u32],
-    ) -> Result<DeviceReport, DeviceError> {
-        frame.stage(batch.hits, batch, words)
     }
 
     fn shade(

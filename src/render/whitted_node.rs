@@ -4,7 +4,7 @@ use super::NewRays;
 use super::frame::{CAMERA_DIMENSION, Frame};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
-use crate::scene::{Material, Staged};
+use crate::scene::{BlockFinishes, Material};
 use crate::shade::bsdf::{Smooth, Smoothness};
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Cone, Hits, Interaction, LightSample, lookup, medium};
@@ -53,7 +53,7 @@ pub(super) struct Sent<L: Lanes> {
 }
 
 impl<'a, L: Lanes> Node<'a, L> {
-    /// `cone` is the rays' cone at their origins; `staged` are finishes that a [`crate::shade::Stage`] has computed.
+    /// `cone` is the rays' cone at their origins; `finishes` are those of a block.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(
         frame: &'a Frame,
@@ -61,12 +61,12 @@ impl<'a, L: Lanes> Node<'a, L> {
         direction: Vector<L>,
         hits: &Hits<L>,
         cone: Cone<L>,
-        staged: Option<Staged<'_>>,
+        finishes: Option<BlockFinishes<'_>>,
     ) -> Self {
         let scene = frame.scene();
         let width = cone.at(hits.t).width;
         let mut at = Interaction::without_finish(scene, material, direction, hits, width);
-        at.set_finish(scene, material, staged);
+        at.set_finish(scene, material, finishes);
         let mut emitted = match &material.emission {
             None => Vector::zero(direction.lanes()),
             Some(emission) => lookup::emission(scene, emission, &at.texture, at.front),

@@ -42,13 +42,12 @@ pub mod recipe;
 mod scattering;
 mod shared;
 mod srgb;
-mod staged;
 mod surface_field;
 mod texture;
 mod texture_point;
 mod validate;
 
-pub use block::{BlockColumns, BlockSurface, DeviceCost, DeviceSurface};
+pub use block::{BlockColumns, BlockFinishes, BlockSurface};
 pub(crate) use camera::Pinhole;
 pub use camera::{
     Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,
@@ -87,7 +86,6 @@ pub use principled::{Anisotropy, DiffuseTransmission, Iridescence, Principled, S
 pub use procedural::{Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub use shared::Shared;
-pub use staged::{ANSWERS, ASKED, Asked, Staged};
 pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};

@@ -2,9 +2,8 @@
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use super::points::PointColumns;
-use super::{DeviceSurface, Points, Scene};
+use super::{Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
-use std::any::Any;
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -64,11 +63,6 @@ pub trait Scattering: Debug + Send + Sync + 'static {
     /// True if the surface transmits light from below, from directions with `wi.z < 0`.
     fn transmits(&self) -> bool {
         false
-    }
-
-    /// The surface as a device computes it, if one does: its answers must have the same bits.
-    fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        None
     }
 }
 
@@ -144,16 +138,6 @@ impl ScatteringSurface {
     pub fn transmits(&self) -> bool {
         self.0.transmits()
     }
-
-    /// Calls [`Scattering::on_device`].
-    pub fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        self.0.on_device()
-    }
-
-    /// The surface itself, for those who know its type.
-    pub fn as_any(&self) -> &dyn Any {
-        self.0.as_any()
-    }
 }
 
 /// [`Scattering`] over arrays instead of lanes.
@@ -161,8 +145,6 @@ trait ErasedLanes: Debug + Send + Sync {
     fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
     fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
-    fn on_device(&self) -> Option<&dyn DeviceSurface>;
-    fn as_any(&self) -> &dyn Any;
 }
 
 /// Points of a scene.
@@ -190,14 +172,6 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn transmits(&self) -> bool {
         Scattering::transmits(self)
-    }
-
-    fn on_device(&self) -> Option<&dyn DeviceSurface> {
-        Scattering::on_device(self)
-    }
-
-    fn as_any(&self) -> &dyn Any {
-        self
     }
 }
 

@@ -12,7 +12,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{Batch, Output, Renderer, SceneId};
-use crate::stream::{DeviceError, DeviceReport, Ray, drop_quietly};
+use crate::stream::{Ray, drop_quietly};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::mem::transmute;
@@ -138,14 +138,6 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
 
     fn shade(&self, batch: Batch<'_, P>, out: &mut Output<'_, P, S>) {
         self.renderer().shade(batch, out);
-    }
-
-    fn staged_words(&self) -> usize {
-        self.renderer().staged_words()
-    }
-
-    fn stage(&self, batch: Batch<'_, P>, words: &mut [u32]) -> Result<DeviceReport, DeviceError> {
-        self.renderer().stage(batch, words)
     }
 
     fn scene_id(&self) -> Option<SceneId> {

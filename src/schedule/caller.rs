@@ -76,7 +76,6 @@ impl Service {
             most_in_flight: usize::MAX,
             host_threads,
             dispatch_threads: 0,
-            traces_on_device: false,
             device: None,
         };
         Ok((Limits::derive(options, demand)?, event.into_iter().collect()))

@@ -1,12 +1,12 @@
 //! One job under the scheduler's lock: its lists and its account, behind a trait that hides the payload types.
 
 use super::lists::Lists;
-use super::policy::{Pace, ShadingRates};
+use super::policy::Pace;
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use super::task::{Done, SharedJob, Task, TaskSlot};
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
-use crate::stream::{DeviceReport, Empty, RayStream, Untraced, paths};
+use crate::stream::{Empty, RayStream, Untraced, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -49,13 +49,11 @@ struct TaskAccount {
     rays: u64,
     /// When a dispatched stream became full, if it had to wait.
     full_ns: Option<u64>,
-    /// True if the stream to shade is staged.
-    is_staged: bool,
 }
 
 impl TaskAccount {
     fn new(kind: TaskKind, paths: usize, rays: u64) -> Self {
-        Self { kind, paths, rays, full_ns: None, is_staged: false }
+        Self { kind, paths, rays, full_ns: None }
     }
 }
 
@@ -64,8 +62,6 @@ pub(super) struct TypedJob<R: Renderer> {
     lists: Lists<R::Payload, R::ShadowPayload>,
     policy: Policy,
     unit: Unit,
-    /// The units that shade.
-    shading: Unit,
     next_tile: u64,
     /// Spawning ends before this tile: the number of tiles, or less when stopped.
     end_tile: u64,
@@ -79,7 +75,8 @@ pub(super) struct TypedJob<R: Renderer> {
     busy_ns: Vec<u64>,
     /// Of all host threads, tracing.
     trace_ns: u64,
-    rates: ShadingRates,
+    /// How fast host threads shade.
+    shading: Pace,
     /// Of all dispatch threads.
     dispatch_ns: u64,
     progress: Progress,
@@ -92,7 +89,7 @@ impl<R: Renderer> TypedJob<R> {
         shared: Arc<SharedJob<R>>,
         streams: Vec<RayStream<Empty, R::Payload, R::ShadowPayload>>,
         options: &JobOptions,
-        (unit, shading): (Unit, Unit),
+        unit: Unit,
         tiles: u64,
         events: Vec<String>,
     ) -> Self {
@@ -102,7 +99,6 @@ impl<R: Renderer> TypedJob<R> {
             lists: Lists::new(limits, streams),
             policy: options.policy.unwrap_or_else(|| Policy::of(unit)),
             unit,
-            shading,
             next_tile: 0,
             end_tile: tiles,
             tasks: 0,
@@ -111,12 +107,11 @@ impl<R: Renderer> TypedJob<R> {
             accounts: vec![None; threads],
             busy_ns: vec![0; threads],
             trace_ns: 0,
-            rates: ShadingRates::default(),
+            shading: Pace::default(),
             dispatch_ns: 0,
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
-                stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>()
-                    + if shading == Unit::Cpu { 0 } else { limits.stream.rays * 4 * shared.staged_words },
+                stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
                 ..JobReport::new(options, limits, tiles, events)
             },
             keep_timeline: options.timeline,
@@ -192,11 +187,9 @@ impl<R: Renderer> TypedJob<R> {
                 let input_paths = paths(rays, shadow_rays, self.limits().shadow_rays_per_path);
                 let paths = self.paths(&output) + input_paths;
                 let rays = (rays + shadow_rays) as u64;
-                let is_staged = input.is_staged();
-                let pace = if is_staged { self.rates.staged } else { self.rates.alone };
-                let most_rays = policy::most_rays(size, pace, self.limits());
+                let most_rays = policy::most_rays(size, self.shading, self.limits());
                 let task = Task::Shade { input, output, threshold: self.threshold(), most_rays };
-                (task, TaskAccount { is_staged, ..TaskAccount::new(TaskKind::Shade, paths, rays) })
+                (task, TaskAccount::new(TaskKind::Shade, paths, rays))
             }
             Rule::Trace | Rule::Flush => {
                 let most = policy::chunk_rays(
@@ -217,12 +210,6 @@ impl<R: Renderer> TypedJob<R> {
                 let paths = self.paths(&stream);
                 let account = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
                 (Task::Dispatch(stream), account)
-            }
-            Rule::Stage => {
-                let stream = self.lists.next_to_stage(thread);
-                let rays = (stream.rays() + stream.shadow_rays()) as u64;
-                let account = TaskAccount::new(TaskKind::Stage, self.paths(&stream), rays);
-                (Task::Stage(stream), account)
             }
         }
     }
@@ -285,7 +272,7 @@ impl<R: Renderer> TypedJob<R> {
             Done::Undispatched(Untraced { stream, reason }) => {
                 self.lists.put_back_untraced(stream, (thread, end_ns));
                 if self.has_device() {
-                    (self.unit, self.shading) = (Unit::Cpu, Unit::Cpu);
+                    self.unit = Unit::Cpu;
                     let device = &self.shared.device_name;
                     self.report.events.push(format!(
                         "{device} failed ({reason}); the job goes on without it, with the same result"
@@ -293,33 +280,10 @@ impl<R: Renderer> TypedJob<R> {
                 }
                 0
             }
-            Done::Staged { stream, report } => {
-                self.lists.put_back_staged(stream, thread);
-                self.note_staging(Pace { rays: account.rays, ns: end_ns - start_ns }, report);
-                account.rays
-            }
             Done::Panicked(message) => {
                 self.abandon(JobError::Panicked { job: self.report.name.clone(), message });
                 account.rays
             }
-        }
-    }
-
-    /// Counts what a dispatch thread has had staged, or gives up shading on the device.
-    fn note_staging(&mut self, staging: Pace, report: Result<DeviceReport, String>) {
-        match report {
-            Ok(report) => {
-                self.rates.staging += staging;
-                let ns = staging.ns.saturating_sub(report.waiting_ns);
-                self.rates.preparing += Pace { ns, ..staging };
-            }
-            Err(reason) if self.shading != Unit::Cpu => {
-                self.shading = Unit::Cpu;
-                self.report.events.push(format!(
-                    "a GPU failed to shade ({reason}); host threads shade alone, with the same result"
-                ));
-            }
-            Err(_) => {}
         }
     }
 }
@@ -339,13 +303,9 @@ impl<R: Renderer> Job for TypedJob<R> {
             waiting_rays: self.waiting_rays(),
             slot: self.lists.slot(),
             shade: self.lists.shade(),
-            shading: self.shading,
-            unstaged: self.lists.unstaged(),
-            unstaged_rays: self.lists.unstaged_rays(),
             tasks: self.tasks,
             cpu: self.tracing(),
             gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
-            rates: self.rates,
         }
     }
 
@@ -372,12 +332,11 @@ impl<R: Renderer> Job for TypedJob<R> {
         match account.kind {
             TaskKind::Trace => self.trace_ns += ns,
             TaskKind::Dispatch => self.dispatch_ns += ns,
-            TaskKind::Spawn | TaskKind::Shade | TaskKind::Stage => {}
+            TaskKind::Spawn | TaskKind::Shade => {}
         }
         let rays = self.put_back(account, done, thread, (start_ns, end_ns));
         if account.kind == TaskKind::Shade {
-            let pace = if account.is_staged { &mut self.rates.staged } else { &mut self.rates.alone };
-            *pace += Pace { rays, ns };
+            self.shading += Pace { rays, ns };
         }
         if self.keep_timeline {
             let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
@@ -434,7 +393,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             busy_s: self.trace_ns as f64 * 1e-9,
             ..UnitReport::default()
         };
-        report.shading = self.rates;
+        report.shading = self.shading;
         report.gpu.rays = self.progress.gpu_rays;
         report.gpu.busy_s = self.dispatch_ns as f64 * 1e-9;
         report.threads = self
@@ -466,7 +425,7 @@ impl<R: Renderer> Job for TypedJob<R> {
         let with_tasks: usize = self.accounts.iter().flatten().map(|account| account.paths).sum();
         let with_threads = self.accounts.iter().flatten().map(|account| match account.kind {
             TaskKind::Shade => 2,
-            TaskKind::Spawn | TaskKind::Dispatch | TaskKind::Stage => 1,
+            TaskKind::Spawn | TaskKind::Dispatch => 1,
             TaskKind::Trace => 0,
         });
         assert_eq!(streams + with_threads.sum::<usize>(), self.lists.made(), "streams are conserved");

@@ -56,8 +56,6 @@ pub(super) struct Demand {
     pub host_threads: usize,
     /// 0 for a job without a device.
     pub dispatch_threads: usize,
-    /// True if the device traces. Streams that it only stages have the sizes that suit host threads.
-    pub traces_on_device: bool,
     /// The device's measured sizes.
     pub device: Option<Sizing>,
 }
@@ -65,13 +63,13 @@ pub(super) struct Demand {
 impl Demand {
     /// Paths from which a stream counts as full, by default.
     fn threshold(self, options: &JobOptions) -> usize {
-        let Self { tiles, tile_rays, host_threads, dispatch_threads, traces_on_device, device, .. } = self;
+        let Self { tiles, tile_rays, host_threads, dispatch_threads, device, .. } = self;
         let paths = tiles.saturating_mul(tile_rays as u64);
-        if let Some(device) = device.filter(|_| traces_on_device) {
+        if let Some(device) = device.filter(|_| dispatch_threads > 0) {
             // A small job still has a few streams for every thread, if they are worth a dispatch.
             let share = paths / (host_threads + 2 * dispatch_threads) as u64;
             device.threshold.min((share as usize).max(device.least))
-        } else if traces_on_device {
+        } else if dispatch_threads > 0 {
             DEVICE_THRESHOLD
         } else {
             // A small job still has a few streams for each thread.
@@ -82,8 +80,8 @@ impl Demand {
 
     /// N, by default, if the renderer has memory for as many paths.
     fn in_flight(self, threshold: usize) -> usize {
-        let Self { tile_rays, host_threads, dispatch_threads, traces_on_device, device, .. } = self;
-        let paths = if !traces_on_device {
+        let Self { tile_rays, host_threads, dispatch_threads, device, .. } = self;
+        let paths = if dispatch_threads == 0 {
             HOST_IN_FLIGHT.max(threshold.saturating_mul(2)).saturating_mul(host_threads)
         } else {
             // A stream for each thread that traces. Dispatch threads of a measured device have one more, which is full
@@ -201,7 +199,6 @@ impl Limits {
             most_in_flight: usize::MAX,
             host_threads: 7,
             dispatch_threads: 4,
-            traces_on_device: true,
             device: None,
         };
         Self::derive(&JobOptions::default(), demand).expect("the paper's own sizes")
@@ -247,7 +244,6 @@ mod tests {
             most_in_flight: usize::MAX,
             host_threads: 4,
             dispatch_threads: 0,
-            traces_on_device: false,
             device: None,
         }
     }
@@ -255,13 +251,7 @@ mod tests {
     #[test]
     fn a_measured_device_gets_its_sizes_unless_options_say_otherwise() {
         let device = Sizing { threshold: 256 * 1024, least: 2048, in_flight: 4 };
-        let demand = Demand {
-            tiles: 10_000,
-            dispatch_threads: 4,
-            traces_on_device: true,
-            device: Some(device),
-            ..small()
-        };
+        let demand = Demand { tiles: 10_000, dispatch_threads: 4, device: Some(device), ..small() };
         let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
         assert_eq!((limits.threshold, limits.in_flight), (256 * 1024, 12 * 256 * 1024));
         let told = JobOptions { threshold: Some(5000), in_flight: Some(100_000), ..JobOptions::default() };
@@ -314,7 +304,6 @@ mod tests {
             most_in_flight: usize::MAX,
             host_threads: 1,
             dispatch_threads: 1,
-            traces_on_device: true,
             device: None,
         };
         let refused = |options: JobOptions, demand| Limits::derive(&options, demand).unwrap_err();

@@ -18,12 +18,8 @@ pub(super) struct Lists<P, S> {
     slot: Option<RayStream<Tracing, P, S>>,
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
-    /// Streams of SHADE that have been neither staged nor shaded.
+    /// Streams of SHADE that have not been shaded at all.
     shade: Vec<Used<RayStream<Traced, P, S>>>,
-    /// Rays and shadow rays in `shade`.
-    unstaged_rays: usize,
-    /// Streams of SHADE that have been staged, or have no rays, and have not been shaded at all.
-    staged: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams of SHADE that have been shaded in part. They are taken before all others, so they are few.
     begun: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams allocated so far, in the lists or with threads.
@@ -67,8 +63,6 @@ impl<P, S> Lists<P, S> {
             slot: None,
             handed_out: Vec::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
-            unstaged_rays: 0,
-            staged: Vec::with_capacity(limits.streams),
             begun: Vec::with_capacity(limits.streams),
             made,
         }
@@ -87,17 +81,7 @@ impl<P, S> Lists<P, S> {
     }
 
     pub fn shade(&self) -> usize {
-        self.shade.len() + self.staged.len() + self.begun.len()
-    }
-
-    /// Streams of SHADE that a device may stage.
-    pub fn unstaged(&self) -> usize {
-        self.shade.len()
-    }
-
-    /// Rays and shadow rays in these.
-    pub fn unstaged_rays(&self) -> usize {
-        self.unstaged_rays
+        self.shade.len() + self.begun.len()
     }
 
     pub fn made(&self) -> usize {
@@ -160,36 +144,8 @@ impl<P, S> Lists<P, S> {
     /// # Panics
     /// If SHADE is empty.
     pub fn next_to_shade(&mut self, thread: usize) -> RayStream<Traced, P, S> {
-        let ready = take_last(&mut self.begun, thread).or_else(|| take_last(&mut self.staged, thread));
-        ready.or_else(|| self.take_unstaged(thread)).expect("SHADE has a stream")
-    }
-
-    /// The next stream to stage.
-    ///
-    /// # Panics
-    /// If there is none.
-    pub fn next_to_stage(&mut self, thread: usize) -> RayStream<Traced, P, S> {
-        self.take_unstaged(thread).expect("SHADE has a stream that is not staged")
-    }
-
-    /// Puts a stream back that a device has staged, or failed to stage.
-    pub fn put_back_staged(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
-        self.put_traced(stream, thread);
-    }
-
-    fn take_unstaged(&mut self, thread: usize) -> Option<RayStream<Traced, P, S>> {
-        let stream = take_last(&mut self.shade, thread)?;
-        self.unstaged_rays -= weight(&stream);
-        Some(stream)
-    }
-
-    fn put_traced(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
-        if stream.is_staged() || stream.rays() == 0 {
-            self.staged.push(Used { stream, thread });
-        } else {
-            self.unstaged_rays += weight(&stream);
-            self.shade.push(Used { stream, thread });
-        }
+        let begun = take_last(&mut self.begun, thread);
+        begun.or_else(|| take_last(&mut self.shade, thread)).expect("SHADE has a stream")
     }
 
     /// Puts a stream back that has been shaded: into EMPTY if no rays are left, else into SHADE.
@@ -236,7 +192,7 @@ impl<P, S> Lists<P, S> {
         self.handed_out[index].put_back(chunk);
         if self.handed_out[index].is_traced() {
             let stream = self.handed_out.swap_remove(index).close();
-            self.put_traced(stream, thread);
+            self.shade.push(Used { stream, thread });
         }
     }
 
@@ -254,7 +210,7 @@ impl<P, S> Lists<P, S> {
 
     /// Puts a stream back that the device has traced.
     pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
-        self.put_traced(stream, thread);
+        self.shade.push(Used { stream, thread });
     }
 
     /// Puts a stream back that the device failed to trace.
@@ -275,12 +231,12 @@ impl<P, S> Lists<P, S> {
 
     /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
-        let Self { empty, need_more, trace, slot, handed_out, shade, staged, begun, .. } = self;
+        let Self { empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
         let mut empty: Vec<_> = empty.into_iter().map(|used| used.stream).collect();
         empty.extend(need_more.into_iter().map(|used| used.stream.discard()));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
-        empty.extend(shade.into_iter().chain(staged).chain(begun).map(|used| used.stream.discard()));
+        empty.extend(shade.into_iter().chain(begun).map(|used| used.stream.discard()));
         empty
     }
 
@@ -292,17 +248,12 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.need_more.iter().map(|s| weigh(s.stream.rays(), s.stream.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
-        let traced = self.shade.iter().chain(&self.staged).chain(&self.begun);
+        let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.stream.rays_left(), s.stream.shadow_rays_left())));
         assert_eq!(
             self.trace_rays,
             self.trace.iter().map(|w| weight(&w.stream)).sum::<usize>(),
             "the rays of TRACE are counted"
-        );
-        assert_eq!(
-            self.unstaged_rays,
-            self.shade.iter().map(|used| weight(&used.stream)).sum::<usize>(),
-            "and those to be staged"
         );
         (sizes.len(), sizes.iter().sum())
     }

@@ -40,7 +40,7 @@ pub use interactive::InteractiveClient;
 pub use latency::{DeviceWaits, Latency};
 pub use limits::{Limits, LimitsError};
 pub use options::{JobOptions, ServiceOptions, Tracers};
-pub use policy::{Choice, Load, Pace, Policy, Rule, ShadingRates, Sharing, TaskSize, Turn, Unit, View};
+pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, TaskSize, Turn, Unit, View};
 pub use priority::Priority;
 pub use queries::{QueryError, QueryHandle};
 pub use renderer::{Batch, Output, Renderer};

@@ -220,9 +220,6 @@ pub struct Tracers {
     pub device: Option<Arc<dyn DeviceTracer>>,
     /// Which of the two trace. Without a device host threads trace in any case, and the report says so.
     pub unit: Unit,
-    /// Which units shade what renderers can have a device compute ([`super::Renderer::stage`]): host threads; the
-    /// device until it fails; or with [`Unit::Hybrid`] whichever is faster, as measured.
-    pub shading: Unit,
     /// The scene that they trace. `None` accepts the renderers of any scene.
     pub scene: Option<SceneId>,
 }
@@ -230,7 +227,7 @@ pub struct Tracers {
 impl Tracers {
     /// Host threads alone, for the renderers of any scene.
     pub fn cpu(host: Arc<dyn Tracer>) -> Self {
-        Self { host, device: None, unit: Unit::Cpu, shading: Unit::Cpu, scene: None }
+        Self { host, device: None, unit: Unit::Cpu, scene: None }
     }
 
     /// Adds a device.
@@ -243,11 +240,6 @@ impl Tracers {
         Self { unit, ..self }
     }
 
-    /// Sets [`Self::shading`].
-    pub fn with_shading(self, shading: Unit) -> Self {
-        Self { shading, ..self }
-    }
-
     /// The same tracers for the renderers of this scene alone.
     pub fn for_scene(self, scene: SceneId) -> Self {
         Self { scene: Some(scene), ..self }
@@ -256,13 +248,8 @@ impl Tracers {
 
 impl std::fmt::Debug for Tracers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { host: _, device, unit, shading, scene } = self;
+        let Self { host: _, device, unit, scene } = self;
         let device = device.as_ref().map(|device| device.name());
-        f.debug_struct("Tracers")
-            .field("device", &device)
-            .field("unit", unit)
-            .field("shading", shading)
-            .field("scene", scene)
-            .finish()
+        f.debug_struct("Tracers").field("device", &device).field("unit", unit).field("scene", scene).finish()
     }
 }

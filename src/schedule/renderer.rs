@@ -1,7 +1,7 @@
 //! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
 use super::{SceneId, rows};
-use crate::stream::{DeviceError, DeviceReport, Hit, Ray, RayAppender};
+use crate::stream::{Hit, Ray, RayAppender};
 use bytemuck::Pod;
 
 /// Spawns rays and shades their hits.
@@ -44,28 +44,6 @@ pub trait Renderer: Send + Sync {
         out: &mut Output<'_, Self::Payload, Self::ShadowPayload>,
     );
 
-    /// Words for each ray that [`Renderer::stage`] computes; 0 if no device can do a part of the shading. Asked once,
-    /// when the job is submitted.
-    ///
-    /// A renderer that wraps another may forward both, or neither.
-    fn staged_words(&self) -> usize {
-        0
-    }
-
-    /// Has a device compute words for traced rays, which make [`Renderer::shade`] shorter: it is given them as
-    /// [`Batch::staged`]. What it emits and accumulates must not depend on whether it is. Called by dispatch threads.
-    /// `words` has [`Renderer::staged_words`] for each ray, all 0.
-    ///
-    /// # Errors
-    /// If the device fails. The rays are then shaded without these words, and so are all later ones of the job.
-    fn stage(
-        &self,
-        _batch: Batch<'_, Self::Payload>,
-        _words: &mut [u32],
-    ) -> Result<DeviceReport, DeviceError> {
-        Ok(DeviceReport::default())
-    }
-
     /// The scene whose primitives this renderer shades. Jobs with the tracers of another scene are refused. `None`
     /// accepts any tracers. A renderer that wraps another should forward it.
     fn scene_id(&self) -> Option<SceneId> {
@@ -98,8 +76,6 @@ pub struct Batch<'a, P> {
     pub hits: &'a [Hit],
     /// Their payloads.
     pub payloads: &'a [P],
-    /// What [`Renderer::stage`] has computed for them, as many words for each ray; or nothing.
-    pub staged: &'a [u32],
 }
 
 /// Where a renderer emits rays.

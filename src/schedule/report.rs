@@ -1,6 +1,6 @@
 //! What a job reports, while it runs and afterwards.
 
-use super::{DeviceWaits, JobOptions, Limits, ShadingRates};
+use super::{DeviceWaits, JobOptions, Limits, Pace};
 use std::sync::Arc;
 
 /// How far a job is.
@@ -161,8 +161,6 @@ pub enum TaskKind {
     Trace,
     /// Tracing a stream on the device.
     Dispatch,
-    /// Staging a stream on the device: computing a part of its shading.
-    Stage,
 }
 
 /// One task of a timeline.
@@ -172,7 +170,7 @@ pub struct TaskRecord {
     pub thread: u32,
     /// What the thread did.
     pub kind: TaskKind,
-    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch), staged (stage) or shaded (shade).
+    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch) or shaded (shade).
     pub rays: u32,
     /// When the task began, in nanoseconds since the job began.
     pub start_ns: u64,
@@ -217,8 +215,8 @@ pub struct JobReport {
     pub gpu: UnitReport,
     /// How long streams waited for the device.
     pub device_waits: DeviceWaits,
-    /// How fast units shaded.
-    pub shading: ShadingRates,
+    /// How fast host threads shaded, shadow rays included.
+    pub shading: Pace,
     /// Host threads, then dispatch threads; or the calling thread alone, if it has traced the query itself.
     pub threads: Vec<ThreadReport>,
     /// When the job was admitted, in nanoseconds since the service began.

@@ -214,10 +214,6 @@ pub(super) fn prepare<R: Renderer + 'static>(
     }
     let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
     let (unit, event) = unit_used(&tracers, &device_name, dispatchers);
-    let staged_words = if tracers.shading == Unit::Cpu { 0 } else { renderer.staged_words() };
-    let shading = if dispatchers == 0 || staged_words == 0 { Unit::Cpu } else { tracers.shading };
-    let idle = "no GPU shades: the service has no dispatch threads";
-    let unstaged = (dispatchers == 0 && staged_words > 0).then(|| idle.to_owned());
     let tiles = renderer.tiles();
     let demand = Demand {
         tiles,
@@ -225,8 +221,7 @@ pub(super) fn prepare<R: Renderer + 'static>(
         shadow_rays_per_ray: renderer.shadow_rays_per_ray(),
         most_in_flight: renderer.most_in_flight(),
         host_threads: hosts,
-        dispatch_threads: if (unit, shading) == (Unit::Cpu, Unit::Cpu) { 0 } else { dispatchers },
-        traces_on_device: unit != Unit::Cpu,
+        dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
         device: tracers.device.as_ref().and_then(|device| device.sizing()),
     };
     let shared = Arc::new(SharedJob {
@@ -234,14 +229,12 @@ pub(super) fn prepare<R: Renderer + 'static>(
         renderer,
         tracers,
         device_name,
-        staged_words,
         hosts,
         slots: (0..hosts + dispatchers).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
         abandoned: AtomicBool::new(false),
     });
     let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
-    let events = event.into_iter().chain(unstaged).collect();
-    let job = TypedJob::new(shared, pool.take(), options, (unit, shading), tiles, events);
+    let job = TypedJob::new(shared, pool.take(), options, unit, tiles, event.into_iter().collect());
     Ok(Submission { job: Box::new(job), work, receiver, priority: options.priority, is_query: false })
 }
 

@@ -309,7 +309,7 @@ impl State {
         let job = &mut self.jobs[choice.job];
         let rays = job.submission.job.start(thread, choice.rule, size);
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
-        self.dispatching += usize::from(matches!(choice.rule, Rule::Dispatch | Rule::Stage));
+        self.dispatching += usize::from(choice.rule == Rule::Dispatch);
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
         let served = &mut self.turns[choice.job].served;
         self.head_starts.count(rays, job.own_turn.saturating_sub(*served).min(rays));

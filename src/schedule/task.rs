@@ -24,7 +24,6 @@ pub(super) enum Task<P, S> {
     },
     Trace(Chunk),
     Dispatch(RayStream<Full, P, S>),
-    Stage(RayStream<Traced, P, S>),
 }
 
 /// A finished task.
@@ -45,11 +44,6 @@ pub(super) enum Done<P, S> {
         report: DeviceReport,
     },
     Undispatched(Untraced<P, S>),
-    Staged {
-        stream: RayStream<Traced, P, S>,
-        /// What the device did, or why it failed; then the stream is as it was.
-        report: Result<DeviceReport, String>,
-    },
     /// The renderer or the host's tracer panicked, and the task's streams were dropped.
     Panicked(String),
 }
@@ -76,8 +70,6 @@ pub(super) struct SharedJob<R: Renderer> {
     /// For events. Asked for once, since that runs the device tracer's own code.
     pub device_name: String,
     pub limits: Limits,
-    /// [`Renderer::staged_words`].
-    pub staged_words: usize,
     /// Host threads of the service.
     pub hosts: usize,
     /// One for each thread of the service.
@@ -108,7 +100,6 @@ impl<R: Renderer> Work for SharedJob<R> {
             }
             Task::Trace(chunk) => Done::Traced(chunk.trace(&*self.tracers.host, scratch)),
             Task::Dispatch(stream) => self.dispatch(stream),
-            Task::Stage(stream) => self.stage(stream),
         }));
         let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
         self.swap_slot(thread, TaskSlot::Done(done));
@@ -159,13 +150,13 @@ impl<R: Renderer> SharedJob<R> {
         while (done == 0 || done.saturating_add(batch_rays) <= most_rays)
             && !self.abandoned.load(Ordering::Relaxed)
         {
-            let TracedRays { rays, hits, payloads, staged } = input.next_batch(batch_rays);
+            let TracedRays { rays, hits, payloads } = input.next_batch(batch_rays);
             if rays.is_empty() {
                 break;
             }
             done += rays.len();
             depths.count(payloads.iter().map(|payload| self.renderer.depth(payload)));
-            let batch = Batch { rays, hits, payloads, staged };
+            let batch = Batch { rays, hits, payloads };
             let most_shadows = rays.len() * limits.shadow_rays_per_ray;
             let more =
                 self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
@@ -214,15 +205,5 @@ impl<R: Renderer> SharedJob<R> {
             Ok((stream, report)) => Done::Dispatched { stream, report },
             Err(untraced) => Done::Undispatched(untraced),
         }
-    }
-
-    fn stage(
-        &self,
-        mut stream: RayStream<Traced, R::Payload, R::ShadowPayload>,
-    ) -> Done<R::Payload, R::ShadowPayload> {
-        let report = stream.stage(self.staged_words, |TracedRays { rays, hits, payloads, staged }, words| {
-            self.renderer.stage(Batch { rays, hits, payloads, staged }, words)
-        });
-        Done::Staged { stream, report }
     }
 }

@@ -6,8 +6,8 @@ use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface, Scene, Staged,
-    Surface, TexturePoint, TextureRef,
+    Anisotropy, BlockFinishes, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface,
+    Scene, Surface, TexturePoint, TextureRef,
 };
 use crate::stream::Hit;
 
@@ -71,17 +71,17 @@ impl<L: Lanes> Interaction<L> {
         new
     }
 
-    /// Sets the finish of a procedural surface where it acts before scattering, and bends the normals by it. `staged`
-    /// are finishes that were computed in blocks ([`super::Stage`]).
+    /// Sets the finish of a procedural surface where it acts before scattering, and bends the normals by it. `finishes`
+    /// are those of a block, if they are known.
     ///
     /// It changes the interactions where they are: moved, they would take a finish along, also where there is none.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn set_finish(&mut self, scene: &Scene, material: &Material, staged: Option<Staged<'_>>) {
+    pub fn set_finish(&mut self, scene: &Scene, material: &Material, finishes: Option<BlockFinishes<'_>>) {
         let Surface::Procedural(index) = material.surface else { return };
         let surface = &scene.procedurals[index as usize];
         let l = self.wo.lanes();
-        let finish = match staged {
-            Some(staged) => staged.finish(l),
+        let finish = match finishes {
+            Some(finishes) => finishes.finish(l),
             None if surface.effects().act_before_scattering() => {
                 l.outlined(FinishTask { surface, points: self.points(scene) })
             }

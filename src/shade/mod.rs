@@ -8,6 +8,7 @@ pub mod arena;
 mod base_colour;
 pub mod bsdf;
 mod cone;
+pub mod finish_blocks;
 mod geometry;
 mod interaction;
 pub mod light;
@@ -20,7 +21,6 @@ pub mod offset;
 pub mod pass_through;
 pub mod single;
 mod sort;
-pub mod stage;
 #[cfg(test)]
 mod tests;
 
@@ -34,4 +34,3 @@ pub use light::{LightSample, Lights, LitScene};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;
 pub use sort::{Run, Sorted, sort};
-pub use stage::Stage;

@@ -3,7 +3,7 @@
 //! is in exactly one place, and shading a stream that is not traced does not compile.
 //!
 //! ```text
-//! Empty ─fill→ Filling ─seal→ Full ─open→ Tracing (chunks out) ─close→ Traced (stage) ─recycle→ Empty
+//! Empty ─fill→ Filling ─seal→ Full ─open→ Tracing (chunks out) ─close→ Traced ─recycle→ Empty
 //!                                └──── trace_on a device ──────────────┘
 //! ```
 
@@ -37,8 +37,7 @@ pub struct Tracing {
     chunks_out: usize,
 }
 
-/// State of a stream with an answer for each ray and shadow ray, which is being shaded. It may have been *staged*: a
-/// device has computed words for each ray, which make shading shorter.
+/// State of a stream with an answer for each ray and shadow ray, which is being shaded.
 #[derive(Debug)]
 pub struct Traced {
     /// Number of rays taken for shading.
@@ -56,8 +55,6 @@ pub struct RayStream<State, P, S> {
     data: Arc<StreamData>,
     payloads: Vec<P>,
     shadow_payloads: Vec<S>,
-    /// Words for each ray of a staged stream, else empty.
-    staged: Vec<u32>,
     state: State,
 }
 
@@ -83,8 +80,6 @@ pub struct TracedRays<'a, P> {
     pub hits: &'a [Hit],
     /// Their payloads.
     pub payloads: &'a [P],
-    /// Their words, as many for each, if the stream is staged; else empty.
-    pub staged: &'a [u32],
 }
 
 /// The traced shadow rays of a stream; see [`RayStream::take_shadows`].
@@ -126,8 +121,8 @@ impl<State, P, S> RayStream<State, P, S> {
     }
 
     fn into_state<Next>(self, state: Next) -> RayStream<Next, P, S> {
-        let Self { data, payloads, shadow_payloads, staged, .. } = self;
-        RayStream { data, payloads, shadow_payloads, staged, state }
+        let Self { data, payloads, shadow_payloads, .. } = self;
+        RayStream { data, payloads, shadow_payloads, state }
     }
 
     /// Removes all rays, whatever their state, when the job has been cancelled. The memory is kept.
@@ -137,7 +132,6 @@ impl<State, P, S> RayStream<State, P, S> {
     pub fn discard(mut self) -> RayStream<Empty, P, S> {
         self.payloads.clear();
         self.shadow_payloads.clear();
-        self.staged.clear();
         let data = self.data();
         data.rays.clear();
         data.shadow_rays.clear();
@@ -149,8 +143,7 @@ impl<P, S> RayStream<Empty, P, S> {
     /// A stream without memory. [`RayStream::append`] allocates, so this may be called under a lock.
     #[expect(clippy::new_without_default, reason = "streams are counted: creating one is a decision")]
     pub fn new() -> Self {
-        let (payloads, shadow_payloads, staged) = (Vec::new(), Vec::new(), Vec::new());
-        Self { data: Arc::default(), payloads, shadow_payloads, staged, state: Empty }
+        Self { data: Arc::default(), payloads: Vec::new(), shadow_payloads: Vec::new(), state: Empty }
     }
 
     /// Opens the stream for appending.
@@ -351,43 +344,6 @@ impl<P, S> RayStream<Traced, P, S> {
         if self.state.shadows_taken { 0 } else { self.shadow_rays() }
     }
 
-    /// True if words have been computed for each ray.
-    pub fn is_staged(&self) -> bool {
-        !self.staged.is_empty()
-    }
-
-    /// Computes words for each ray before any is shaded: `compute` is given `words` for each, all 0. If it fails or
-    /// panics, the stream is as it was.
-    ///
-    /// # Errors
-    /// Why `compute` failed.
-    ///
-    /// # Panics
-    /// If a ray has been taken for shading.
-    pub fn stage<T>(
-        &mut self,
-        words: usize,
-        compute: impl FnOnce(TracedRays<'_, P>, &mut [u32]) -> Result<T, DeviceError>,
-    ) -> Result<T, String> {
-        assert_eq!(self.state.shaded, 0, "streams are staged before they are shaded");
-        let Self { data, payloads, staged, .. } = self;
-        staged.clear();
-        staged.reserve_exact(words * payloads.len());
-        staged.resize(words * payloads.len(), 0);
-        let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
-        let answers = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let hits = &answers.hits[..payloads.len()];
-        let rays = TracedRays { rays: &data.rays[..], hits, payloads, staged: &[] };
-        let computed = catch_unwind(AssertUnwindSafe(|| compute(rays, staged)));
-        let reason = match computed {
-            Ok(Ok(value)) => return Ok(value),
-            Ok(Err(error)) => error.to_string(),
-            Err(payload) => format!("it panicked: {}", panic_message(payload)),
-        };
-        self.staged.clear();
-        Err(reason)
-    }
-
     /// Takes the shadow rays: all of them the first time, then none.
     pub fn take_shadows(&mut self) -> TracedShadows<'_, S> {
         let len = self.shadow_rays_left();
@@ -410,14 +366,12 @@ impl<P, S> RayStream<Traced, P, S> {
         assert!(self.state.shadows_taken, "shadow rays are taken before rays are shaded");
         let range = self.state.shaded..self.state.shaded + self.rays_left().min(most);
         self.state.shaded = range.end;
-        let Self { data, payloads, staged, .. } = self;
+        let Self { data, payloads, .. } = self;
         let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
         let answers = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let words = staged.len() / payloads.len().max(1);
         TracedRays {
             rays: &data.rays[range.clone()],
             hits: &answers.hits[range.clone()],
-            staged: &staged[range.start * words..range.end * words],
             payloads: &payloads[range],
         }
     }

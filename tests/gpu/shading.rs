@@ -1,130 +1,208 @@
-//! Patterns and BSDFs in WGSL on the GPU: the CPU's bytes, and what reports tell, whatever fails.
+//! Patterns and BSDFs in WGSL on the GPU: the bits that the CPU computed at the hits of a picture.
 
-use raystream::engine::{PreparedScene, Shading, UnitChoice, Units};
-use raystream::film::Image;
-use raystream::program::SurfaceShader;
-use raystream::program::gpu::ShadingReport;
+use super::open;
+use raystream::engine::{PreparedScene, Units};
+use raystream::lanes::{Int, Lanes, MAX_LANES, Num, Vector};
+use raystream::program::gpu::GpuProgram;
+use raystream::program::{BsdfShader, PatternShader};
 use raystream::render::Settings;
-use raystream::scene::{Camera, load};
-use raystream::schedule::{JobOptions, JobReport, Service, ServiceOptions, Unit};
-use raystream::trace::gpu::Fault;
+use raystream::scene::{
+    Camera, Finish, Points, Procedural, ProceduralSurface, Scattered, Scattering, ScatteringSurface, Scene,
+    load,
+};
+use raystream::schedule::{JobOptions, Service, ServiceOptions};
+use std::fmt::{Debug, Formatter};
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
-/// What is known of a picture.
-struct Rendered {
-    hash: String,
-    /// What the GPU computed.
-    reports: Vec<ShadingReport>,
-    /// Why it was not given more.
-    unshaded: Vec<String>,
-    job: JobReport,
+/// A hit at which a surface was computed.
+struct Row {
+    /// All scalars of the point, then what a BSDF was asked.
+    asked: Vec<u32>,
+    /// The first scalar of the answer.
+    first: usize,
+    answered: Vec<u32>,
 }
 
-/// Surfaces of the box: a pattern, BSDFs, or both.
-type Surfaces = &'static [(&'static str, &'static str)];
-const WOOD: Surfaces = &[("white", "wood.wgsl")];
-const CLOTH: Surfaces = &[("white", "velvet.wgsl"), ("red", "dust.wgsl")];
-const BOTH: Surfaces = &[("white", "velvet.wgsl"), ("green", "wood.wgsl"), ("red", "dust.wgsl")];
+/// A surface that notes what it is asked and what it answers.
+struct Noting<S> {
+    surface: Arc<S>,
+    rows: Arc<Mutex<Vec<Row>>>,
+}
 
-fn render(surfaces: Surfaces, unit: Unit, shading: Shading, fault: Option<Fault>) -> Rendered {
+impl<S: Debug> Debug for Noting<S> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        self.surface.fmt(f)
+    }
+}
+
+impl<S> Noting<S> {
+    fn new(surface: S) -> (Self, Arc<S>, Arc<Mutex<Vec<Row>>>) {
+        let (surface, rows) = (Arc::new(surface), Arc::default());
+        (Self { surface: Arc::clone(&surface), rows: Arc::clone(&rows) }, surface, rows)
+    }
+
+    fn note<L: Lanes>(&self, asked: &[Int<L>], first: usize, answered: &[Num<L>]) {
+        let columns = |words: Vec<Int<L>>| -> Vec<[u32; MAX_LANES]> {
+            let column = |word: Int<L>| {
+                let mut column = [0; MAX_LANES];
+                word.store(&mut column);
+                column
+            };
+            words.into_iter().map(column).collect()
+        };
+        let asked = columns(asked.to_vec());
+        let answered = columns(answered.iter().map(|number| number.to_bits()).collect());
+        let of =
+            |columns: &[[u32; MAX_LANES]], lane: usize| columns.iter().map(|column| column[lane]).collect();
+        let row = |lane| Row { asked: of(&asked, lane), first, answered: of(&answered, lane) };
+        self.rows.lock().expect("no panic").extend((0..L::LANES).map(row));
+    }
+}
+
+fn vector<L: Lanes>(v: Vector<L>) -> [Int<L>; 3] {
+    [v.x, v.y, v.z].map(Num::to_bits)
+}
+
+/// The scalars of points, in the order of `POINT_FIELDS`.
+fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
+    let l = at.lanes();
+    let front = Int::select(at.front, Int::splat(l, u32::MAX), Int::splat(l, 0));
+    let mut scalars: Vec<Int<L>> =
+        [at.position, at.normal, at.geometric_normal, at.wo].into_iter().flat_map(vector).collect();
+    scalars.extend(
+        [at.uv[0], at.uv[1], at.barycentric[0], at.barycentric[1], at.width, at.area].map(Num::to_bits),
+    );
+    scalars.extend([at.primitive, front]);
+    scalars.extend(vector(at.tangent()).into_iter().chain(vector(at.bitangent())));
+    scalars.push(at.footprint().to_bits());
+    scalars.extend(vector(at.vertex_colour()));
+    scalars.extend([at.vertex_alpha().to_bits(), at.object()]);
+    scalars
+}
+
+impl Procedural for Noting<PatternShader> {
+    fn effects(&self) -> raystream::scene::Effects {
+        self.surface.effects()
+    }
+
+    fn finish<L: Lanes>(&self, at: &Points<L>) -> Finish<L> {
+        let finish = self.surface.finish(at);
+        let Finish {
+            colour: c,
+            metallic,
+            roughness,
+            clearcoat,
+            transmission,
+            emission: e,
+            opacity,
+            normal: n,
+        } = finish;
+        let scalars = [
+            c.x,
+            c.y,
+            c.z,
+            metallic,
+            roughness,
+            clearcoat,
+            transmission,
+            e.x,
+            e.y,
+            e.z,
+            opacity,
+            n.x,
+            n.y,
+            n.z,
+        ];
+        self.note(&point(at), 0, &scalars);
+        finish
+    }
+}
+
+impl Scattering for Noting<BsdfShader> {
+    fn transmits(&self) -> bool {
+        self.surface.transmits()
+    }
+
+    fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+        let (value, pdf) = self.surface.evaluate(at, wo, wi);
+        // Not the centre of the disk, where the host has to decide.
+        let random = [0.5, 0.2, 0.7].map(|u| Num::splat(at.lanes(), u).to_bits());
+        let asked = [point(at), vector(wo).into(), vector(wi).into(), random.into()].concat();
+        self.note(&asked, 0, &[value.x, value.y, value.z, pdf]);
+        (value, pdf)
+    }
+
+    fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Scattered<L> {
+        let sample = self.surface.sample(at, wo, u, u2);
+        let random = [u, u2[0], u2[1]].map(Num::to_bits);
+        // The light's direction may be any.
+        let asked = [point(at), vector(wo).into(), vector(wo).into(), random.into()].concat();
+        let Scattered { wi, weight, pdf } = sample;
+        self.note(&asked, 4, &[wi.x, wi.y, wi.z, weight.x, weight.y, weight.z, pdf]);
+        sample
+    }
+}
+
+/// Renders the Cornell box with a surface on its white walls.
+fn render(replace: impl FnOnce(&mut Scene)) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut scene = load::load(root.join("scenes/cornell.json")).expect("scene");
-    for (material, file) in surfaces {
-        let text = std::fs::read_to_string(root.join("scenes/shaders").join(file)).expect("a shader");
-        let shader = SurfaceShader::load(file, &text, []).expect("valid");
-        scene.replace_surface(material, shader).expect("the box has such walls");
-    }
-    let mut choice = UnitChoice::auto().with_unit(unit).with_shading(shading);
-    if let Some(fault) = fault {
-        choice = choice.with_fault(fault);
-    }
-    let prepared = PreparedScene::new(scene, &Units::open(&choice).expect("units")).expect("a valid scene");
-    assert_eq!(prepared.adapter.is_none(), unit == Unit::Cpu, "{:?}", prepared.degraded);
+    replace(&mut scene);
+    let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
     let camera = prepared.scene.camera.unwrap_or_else(|| Camera::framing(&prepared.scene.bounds(), 1.0));
-    let path =
-        prepared.path(&camera, Settings::new(40, 40).with_spp(4).with_max_bounces(2)).expect("settings");
+    let settings = Settings::new(40, 40).with_spp(4).with_max_bounces(2);
+    let path = prepared.path(&camera, settings).expect("settings");
     let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
-    let options = JobOptions::default().with_threshold(1024);
-    let job = prepared.submit(&service, path.clone(), options).expect("job").wait().expect("frame");
-    let hash = Image::new(40, 40, path.film().resolve()).hash();
-    Rendered { hash, reports: prepared.shading_reports(), unshaded: prepared.unshaded.clone(), job }
+    prepared.submit(&service, path, JobOptions::default()).expect("job").wait().expect("frame");
 }
 
-#[test]
-fn patterns_on_the_gpu_have_the_bytes_of_the_cpu_whatever_fails() {
-    has_the_bytes_of_the_cpu_whatever_fails(WOOD);
-}
-
-#[test]
-fn bsdfs_on_the_gpu_have_the_bytes_of_the_cpu_whatever_fails() {
-    has_the_bytes_of_the_cpu_whatever_fails(CLOTH);
-}
-
-fn has_the_bytes_of_the_cpu_whatever_fails(surfaces: Surfaces) {
-    let file = surfaces[0].1;
-    let Rendered { hash: expected, reports, unshaded, job } = render(surfaces, Unit::Cpu, Shading::Cpu, None);
-    assert_eq!((reports.len(), unshaded.len(), job.shading.staging.rays), (0, 0, 0));
-    for unit in [Unit::Cpu, Unit::Gpu, Unit::Hybrid] {
-        let Rendered { hash, reports, unshaded, job } = render(surfaces, unit, Shading::Gpu, None);
-        assert_eq!((&hash, unshaded.len(), job.events.len()), (&expected, 0, 0), "{unit:?}");
-        assert_eq!(reports.len(), surfaces.len(), "{reports:?}");
-        for report in &reports {
-            assert!(report.eligible > 5 && report.shaded * 10 > report.eligible * 9, "{unit:?} {report:?}");
-            assert!(report.refused.is_none() && report.points > 500 && report.checked * 64 >= report.points);
-            assert!(report.is_bsdf != (file == "wood.wgsl") && report.undecided * 20 < report.points);
+/// Compares the device's answers with those that the host gave.
+fn compare(name: &str, compiled: &GpuProgram, rows: &Mutex<Vec<Row>>) {
+    let rows = rows.lock().expect("no panic");
+    assert!(rows.len() > 5000, "{name} was computed at {} hits", rows.len());
+    let column = |&scalar: &u32| rows.iter().map(move |row| row.asked[scalar as usize]);
+    let inputs: Vec<u32> = compiled.inputs().iter().flat_map(column).collect();
+    let answers = compiled.evaluate(rows.len(), &inputs).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let mut compared = 0;
+    for (&scalar, column) in compiled.outputs().iter().zip(answers.chunks(rows.len())) {
+        for (row, &word) in rows.iter().zip(column) {
+            let Some(place) = (scalar as usize).checked_sub(row.first) else { continue };
+            let Some(&answered) = row.answered.get(place) else { continue };
+            assert_eq!(word, answered, "{name}: scalar {scalar} at {:x?}", row.asked);
+            compared += 1;
         }
-        // The others are shadow rays of streams that have no rays to stage.
-        assert!(job.shading.staged.rays * 10 > job.rays.total() * 8, "{:?}", job.shading);
     }
-    for (fault, says) in [
-        (Fault::ShadeLost(1), "lost"),
-        (Fault::ShadeLost(3), "lost"),
-        (Fault::ShadeHang(2), "did not return within"),
-        (Fault::ShadeCorrupt(2), "points differ"),
-        (Fault::ShadeOutOfMemory, "no memory"),
-    ] {
-        let Rendered { hash, reports, unshaded, job } =
-            render(surfaces, Unit::Cpu, Shading::Gpu, Some(fault));
-        assert_eq!((&hash, unshaded.len()), (&expected, 0), "{fault}");
-        let failed: Vec<&ShadingReport> = reports.iter().filter(|report| report.refused.is_some()).collect();
-        let refused =
-            failed.iter().any(|report| report.refused.as_deref().unwrap_or_default().contains(says));
-        assert!(refused && failed[0].shaded < failed[0].eligible, "{fault}: {reports:?}");
-        let event = &job.events[0];
-        assert!(event.starts_with("a GPU failed to shade (") && event.contains(says), "{event}");
-        assert!(surfaces.iter().any(|(_, file)| event.contains(file)), "{event}");
-        assert_eq!(job.events.len(), 1, "{fault}: {:?}", job.events);
-    }
-    for (fault, says) in [(Fault::ShadeRefused, "no kernel"), (Fault::ShadeInexact, "\"a * b\"")] {
-        let Rendered { hash, reports, unshaded, job } =
-            render(surfaces, Unit::Cpu, Shading::Gpu, Some(fault));
-        assert_eq!((&hash, reports.len(), job.events.len()), (&expected, 0, 0), "{fault}");
-        assert!(unshaded.len() == surfaces.len() && unshaded[0].contains(says), "{fault}: {unshaded:?}");
-        assert!(unshaded[0].starts_with(&format!("{file} is shaded on the CPU")), "{unshaded:?}");
-    }
+    let report = compiled.report();
+    assert!(compared > 2 * rows.len() && report.undecided * 20 < report.points, "{name}: {report:?}");
 }
 
-/// Rows of a stream hold results of both kinds, and of neither.
+fn source(file: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/shaders").join(file);
+    std::fs::read_to_string(path).expect("a shader")
+}
+
 #[test]
-fn patterns_and_bsdfs_of_one_scene_share_the_gpu() {
-    let expected = render(BOTH, Unit::Cpu, Shading::Cpu, None).hash;
-    for fault in [None, Some(Fault::ShadeCorrupt(4)), Some(Fault::ShadeLost(5))] {
-        let Rendered { hash, reports, .. } = render(BOTH, Unit::Cpu, Shading::Gpu, fault);
-        assert_eq!((&hash, reports.len()), (&expected, 3), "{fault:?}");
-        let shaded = |report: &ShadingReport| report.shaded * 10 > report.eligible * 9;
-        assert_eq!(reports.iter().all(shaded), fault.is_none(), "{fault:?}: {reports:?}");
+fn a_pattern_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
+    let gpu = open();
+    for file in ["wood.wgsl", "marble.wgsl"] {
+        let (noting, shader, rows) =
+            Noting::new(PatternShader::load(file, &source(file), []).expect("valid"));
+        render(|scene| {
+            assert!(scene.replace_surface("white", ProceduralSurface::new(noting)).expect("walls") > 0)
+        });
+        compare(file, &GpuProgram::of_pattern(&gpu, &shader).expect("a kernel"), &rows);
     }
 }
 
 #[test]
-fn a_gpu_that_is_lost_while_it_shades_is_lost_for_tracing_too() {
-    for surfaces in [WOOD, CLOTH] {
-        let expected = render(surfaces, Unit::Cpu, Shading::Cpu, None).hash;
-        // Beside it, processors could trace so much that it is not asked often enough to fail.
-        for fault in [Fault::ShadeLost(2), Fault::Lost(3), Fault::ShadeCorrupt(2)] {
-            let Rendered { hash, job, .. } = render(surfaces, Unit::Gpu, Shading::Gpu, Some(fault));
-            assert_eq!(hash, expected, "{fault}");
-            assert!((1..=2).contains(&job.events.len()), "{fault}: {:?}", job.events);
-        }
+fn a_bsdf_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
+    let gpu = open();
+    for file in ["velvet.wgsl", "dust.wgsl"] {
+        let (noting, shader, rows) = Noting::new(BsdfShader::load(file, &source(file), []).expect("valid"));
+        render(|scene| {
+            assert!(scene.replace_surface("white", ScatteringSurface::new(noting)).expect("walls") > 0)
+        });
+        compare(file, &GpuProgram::of_bsdf(&gpu, &shader).expect("a kernel"), &rows);
     }
 }

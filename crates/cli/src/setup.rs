@@ -1,18 +1,14 @@
 //! What all commands that trace need: a loaded scene, its tree and tracers, and the service.
 
-#[cfg(feature = "gpu")]
-use super::args::ShadeChoice;
 use super::args::{PolicyChoice, TracerChoice, UnitArgs};
-use super::stats::ShadingStats;
 use anyhow::{Context, Result, ensure};
-#[cfg(feature = "gpu")]
-use raystream::engine::Shading;
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::memory::MemoryBudget;
 use raystream::picture::{afford, scene_file};
 use raystream::scene::Scene;
 use raystream::scene::load::LoadOptions;
 use raystream::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
+use raystream::stream::DeviceTracer;
 use raystream::trace::cpu::SimdLevel;
 #[cfg(feature = "service")]
 use raystream_service::backend::SharedUnits;
@@ -87,19 +83,6 @@ impl Setup {
         Ok(Self { prepared, units, service, simd, policy, load_s, build_s })
     }
 
-    /// What a GPU has computed of shaders, and why some were not given to it.
-    pub fn shading(&self) -> (Option<ShadingStats>, Vec<String>) {
-        let events = self.prepared.unshaded.clone();
-        #[cfg(feature = "gpu")]
-        {
-            (ShadingStats::of(&self.prepared.shading_reports()), events)
-        }
-        #[cfg(not(feature = "gpu"))]
-        {
-            (None, events)
-        }
-    }
-
     /// Says that the fault of `--inject` has not happened, if it has not.
     pub fn idle_fault(&self) -> Option<String> {
         let fault = self.units.idle_fault()?;
@@ -110,20 +93,8 @@ impl Setup {
 /// Dispatch threads that keep the GPU busy: as many as its measured sizes say, or RA's.
 fn dispatch_threads(tracers: &Tracers) -> usize {
     let usual = ServiceOptions::default().dispatch_threads;
-    let stages = if tracers.shading == Unit::Cpu { 0 } else { usual };
-    let traces =
-        tracers.device.as_ref().map(|device| device.sizing().map_or(usual, |sizing| sizing.in_flight));
-    traces.unwrap_or(0).max(stages)
-}
-
-/// The unit that computes shaders of surfaces.
-#[cfg(feature = "gpu")]
-fn shading(choice: ShadeChoice) -> Shading {
-    match choice {
-        ShadeChoice::Cpu => Shading::Cpu,
-        ShadeChoice::Gpu => Shading::Gpu,
-        ShadeChoice::Auto => Shading::Auto,
-    }
+    let of = |device: &Arc<dyn DeviceTracer>| device.sizing().map_or(usual, |sizing| sizing.in_flight);
+    tracers.device.as_ref().map_or(0, of)
 }
 
 /// Opens the units for all scenes of a process and starts the threads. At most `max_jobs` jobs run at a time, in fair
@@ -151,10 +122,6 @@ fn host_threads(args: &UnitArgs) -> usize {
 /// The units to open.
 fn unit_choice(unit: Option<Unit>, simd: SimdLevel, args: &UnitArgs) -> UnitChoice {
     let mut choice = UnitChoice::auto().with_simd(simd);
-    #[cfg(feature = "gpu")]
-    {
-        choice = choice.with_shading(shading(args.shade));
-    }
     if let Some(unit) = unit {
         choice = choice.with_unit(unit);
     }

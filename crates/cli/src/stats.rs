@@ -4,9 +4,7 @@
 use anyhow::{Context, Result};
 use raystream::meters::Spread;
 use raystream::render::NoiseReport;
-use raystream::schedule::{
-    self, Depths, DeviceWaits, JobReport, Latency, Pace, ShadingRates, ThreadKind, ThreadReport,
-};
+use raystream::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -299,71 +297,8 @@ pub struct Units {
     pub cpu: UnitStats,
     /// The GPU.
     pub gpu: GpuStats,
-    /// Patterns and BSDFs in WGSL that the GPU computes; absent without any.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shading: Option<ShadingStats>,
     #[serde(skip)]
     device_waits: DeviceWaits,
-    /// How fast units shaded.
-    #[serde(skip)]
-    pub shading_rates: ShadingRates,
-}
-
-/// Patterns and BSDFs in WGSL that the GPU computes.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct ShadingStats {
-    /// Batches of hits that the GPU could have computed.
-    pub eligible_batches: u64,
-    /// Batches that it computed.
-    pub gpu_batches: u64,
-    /// Batches among these whose BSDFs it evaluated.
-    pub gpu_bsdf_batches: u64,
-    /// Hits in these.
-    pub hits: u64,
-    /// Hits among them that the CPU computed, because the GPU could not decide.
-    pub undecided: u64,
-    /// Hits that the CPU computed again to detect a faulty device.
-    pub checked: u64,
-    /// Nanoseconds of a host thread for a ray that it shaded alone; null without any. Shadow rays count in all rates.
-    pub alone_ns: Option<f64>,
-    /// Nanoseconds of a dispatch thread for a ray whose surface the GPU computed.
-    pub staging_ns: Option<f64>,
-    /// Part of `staging_ns` in which the dispatch thread computed instead of waiting.
-    pub preparing_ns: Option<f64>,
-    /// Nanoseconds of a host thread for a ray whose surface the GPU had computed.
-    pub staged_ns: Option<f64>,
-}
-
-impl ShadingStats {
-    /// The same with rates.
-    pub fn with_rates(self, rates: ShadingRates) -> Self {
-        let ns = |pace: Pace| (pace.rays > 0).then(|| pace.ns as f64 / pace.rays as f64);
-        let ShadingRates { alone, staging, preparing, staged } = rates;
-        Self {
-            alone_ns: ns(alone),
-            staging_ns: ns(staging),
-            preparing_ns: ns(preparing),
-            staged_ns: ns(staged),
-            ..self
-        }
-    }
-}
-
-#[cfg(feature = "gpu")]
-impl ShadingStats {
-    /// Sums over shaders; `None` without any.
-    pub fn of(reports: &[raystream::program::gpu::ShadingReport]) -> Option<Self> {
-        let mut sum = Self::default();
-        for report in reports {
-            sum.eligible_batches += report.eligible;
-            sum.gpu_batches += report.shaded;
-            sum.gpu_bsdf_batches += if report.is_bsdf { report.shaded } else { 0 };
-            sum.hits += report.points;
-            sum.undecided += report.undecided;
-            sum.checked += report.checked;
-        }
-        (!reports.is_empty()).then_some(sum)
-    }
 }
 
 /// The CPU's share.
@@ -491,7 +426,6 @@ impl Units {
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;
         self.device_waits += report.device_waits;
-        self.shading_rates += report.shading;
         self.gpu.full_to_dispatched_s = LatencyStats::of(&self.device_waits.full_to_dispatched);
         self.gpu.dispatched_to_readable_s = LatencyStats::of(&self.device_waits.dispatched_to_readable);
         self.cpu.mray_per_s = rate(self.cpu.rays, self.cpu.busy_s);

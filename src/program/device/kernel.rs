@@ -3,8 +3,10 @@
 //! Registers are variables of the kernel, one word each. A skip is an `if` and a repetition a `loop`: the lowerer nests
 //! them. Functions that the host computes with kernels in lanes are lowered from the prelude's text.
 
-use super::block::{Given, Program};
 use super::probe::{Probe, probes};
+#[cfg(test)]
+use super::program::Given;
+use super::program::Program;
 use crate::device::{OPERATIONS, WORKGROUP};
 use crate::program::code::{Code, Instruction, Register};
 use crate::program::lower::{Input, lower};
@@ -29,6 +31,7 @@ pub(crate) struct Kernel {
     /// The scalars of the result that it computes, a column each. The others are inputs or the same everywhere.
     pub outputs: Vec<u32>,
     /// The other scalars of the result.
+    #[cfg(test)]
     pub given: Vec<(u32, Given)>,
     /// What the entry point `probe` computes of three columns, by number of the case.
     pub probes: Vec<Probe>,
@@ -57,8 +60,14 @@ impl Kernel {
         }
         source += &shade_entry(code, &inputs, &outputs);
         source += &probe_entry(&probes);
-        let given = given(code, &outputs);
-        Ok(Self { source, inputs, outputs, given, probes })
+        Ok(Self {
+            source,
+            #[cfg(test)]
+            given: given(code, &outputs),
+            inputs,
+            outputs,
+            probes,
+        })
     }
 }
 
@@ -90,6 +99,7 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
 }
 
 /// The scalars of the result that a program does not compute.
+#[cfg(test)]
 fn given(code: &Code, computed: &[u32]) -> Vec<(u32, Given)> {
     let given = |register: &Register| {
         let word = code.constants.iter().find(|(constant, _)| constant == register);

@@ -10,14 +10,15 @@
 //! defined by itself (`operation.rs`), and none is one of WGSL's built-in functions. So kernel and host are equal if
 //! each operation is, which `shaders/operations.wgsl` shows operation by operation.
 
-mod block;
 mod evaluate;
 mod kernel;
 mod probe;
+mod program;
 #[cfg(test)]
 pub(super) mod tests;
 
-pub use block::ShadingReport;
-pub(crate) use block::{Given, Program, ShadingDevice, fields, words};
 pub(crate) use kernel::Kernel;
 pub(crate) use probe::{cases, sample_points};
+#[cfg(test)]
+pub(crate) use program::Given;
+pub(crate) use program::Program;

@@ -1,7 +1,7 @@
 //! The cases that show whether a device computes operations as the host does.
 
-use super::block::Program;
 use super::kernel::expression;
+use super::program::Program;
 use crate::geom::mix;
 use crate::program::code::{Code, Instruction};
 use crate::program::operation::Operation;
@@ -167,8 +167,8 @@ pub(crate) fn sample_points(program: &Program, inputs: &[u32], points: usize, se
     (0..inputs.len()).flat_map(|column| (0..points).map(move |point| word(column, point))).collect()
 }
 
-/// A scalar of [`crate::scene::Asked`], made of random numbers in [0, 1): directions of about unit length, `wo` above
-/// the surface.
+/// A scalar of what a BSDF is asked, made of random numbers in [0, 1): directions of about unit length, `wo` above the
+/// surface.
 fn asked(scalar: usize, unit: impl Fn(usize) -> f32) -> f32 {
     let around = |i: usize| 2.0 * unit(i) - 1.0;
     match scalar {

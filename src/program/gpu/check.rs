@@ -1,8 +1,8 @@
 //! Whether a device computes a kernel as the host does: each operation of the kernel alone, in the kernel's own module,
 //! since drivers decide kernel by kernel; then the whole shader at points.
 
+use super::GpuProgramError;
 use super::dispatch::{Entry, Pipelines};
-use super::{GpuProgramError, SAMPLE};
 use crate::program::device::{Kernel, Program, cases, sample_points};
 use crate::trace::gpu::Gpu;
 
@@ -23,7 +23,7 @@ pub(super) fn operations(gpu: &Gpu, pipelines: &Pipelines, kernel: &Kernel) -> R
     let mut results = vec![0; 2 * count];
     for (number, probe) in (0..).zip(&kernel.probes) {
         let entry = (Entry::Probe(number), count);
-        pipelines.run(gpu, entry, &columns, &mut results, None)?;
+        pipelines.run(gpu, entry, &columns, &mut results)?;
         let (words, undecided) = results.split_at(count);
         let mut decided = 0;
         for ((case, &word), _) in
@@ -58,7 +58,7 @@ pub(super) fn points(
     // A loop that does not end at some point is told when a picture needs that point.
     let Ok(expected) = program.evaluate(kernel, POINTS, &inputs) else { return Ok(()) };
     let mut results = vec![0; (kernel.outputs.len() + 1) * POINTS];
-    pipelines.run(gpu, (Entry::Shade, POINTS), &inputs, &mut results, None)?;
+    pipelines.run(gpu, (Entry::Shade, POINTS), &inputs, &mut results)?;
     match different(&results, &expected, POINTS) {
         0 => Ok(()),
         wrong => Err(GpuProgramError::Points { wrong, checked: POINTS }),
@@ -66,23 +66,11 @@ pub(super) fn points(
 }
 
 /// Number of decided points whose results differ from the host's.
-pub(super) fn different(results: &[u32], expected: &[u32], points: usize) -> usize {
+fn different(results: &[u32], expected: &[u32], points: usize) -> usize {
     let undecided = &results[expected.len()..];
     let differs = |&point: &usize| {
         let mut columns = results.chunks(points).zip(expected.chunks(points));
         undecided[point] == 0 && columns.any(|(result, expected)| result[point] != expected[point])
     };
     (0..points).filter(differs).count()
-}
-
-/// Points of a dispatch that the host computes again: one in [`SAMPLE`], but at least that many, spread by `number`.
-pub(super) fn sample(points: usize, number: u64) -> Vec<usize> {
-    let samples = points.div_ceil(SAMPLE).max(SAMPLE).min(points);
-    (0..samples)
-        .map(|sample| {
-            let (start, end) = (sample * points / samples, (sample + 1) * points / samples);
-            let hash = crate::geom::mix(sample as u32 ^ crate::geom::mix(number as u32));
-            start + hash as usize % (end - start)
-        })
-        .collect()
 }

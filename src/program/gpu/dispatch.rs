@@ -23,17 +23,6 @@ pub(super) enum Entry {
     Probe(u32),
 }
 
-/// A failure to make happen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Failure {
-    /// The device is lost while the dispatch is under way.
-    Loss,
-    /// The dispatch never returns.
-    Hang,
-    /// There is no memory for the points.
-    OutOfMemory,
-}
-
 /// A compiled kernel.
 #[derive(Debug)]
 pub(super) struct Pipelines {
@@ -127,12 +116,8 @@ impl Pipelines {
         (entry, points): (Entry, usize),
         inputs: &[u32],
         results: &mut [u32],
-        failure: Option<Failure>,
     ) -> Result<(), GpuProgramError> {
         debug_assert!(points <= MOST_POINTS);
-        if failure == Some(Failure::OutOfMemory) {
-            return Err(GpuProgramError::Memory("as requested".into()));
-        }
         let sizes = (size_of_val(inputs) as u64, size_of_val(results) as u64);
         let buffers = match self.idle(sizes) {
             Some(buffers) => buffers,
@@ -157,13 +142,7 @@ impl Pipelines {
             drop(pass);
             let bytes = size_of_val(results) as u64;
             encoder.copy_buffer_to_buffer(&buffers.results, 0, &buffers.readback, 0, bytes);
-            if failure == Some(Failure::Hang) {
-                return Err(gpu.simulate_hang());
-            }
             let submission = queue.submit([encoder.finish()]);
-            if failure == Some(Failure::Loss) {
-                device.destroy();
-            }
             let (sender, receiver) = sync_channel(1);
             buffers.readback.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
                 // The receiver is gone if the wait has failed.

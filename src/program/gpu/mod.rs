@@ -1,33 +1,24 @@
 //! Patterns and BSDFs on a GPU, with the bits of the host's.
 //!
-//! A shader's kernel (`program::device`) is compiled when a scene is prepared. The device is not trusted: each
-//! operation of the kernel is compared with the host's in 10⁵ cases, the whole shader at 10⁴ points, and later a
-//! sample of every dispatch. A device that flushes subnormal numbers gets a kernel that tells which points come near
-//! them; the host computes those, and points with infinities or NaN. Any difference leaves the shader to the host.
+//! The device is not trusted with a shader's kernel (`program::device`): each operation of the kernel is compared with
+//! the host's in 10⁵ cases, and the whole shader at 10⁴ points. A device that flushes subnormal numbers gets a kernel
+//! that tells which points come near them; the host computes those, and points with infinities or NaN. Any difference
+//! refuses the shader. No renderer uses these kernels yet: they are for paths that stay on the device.
 
-mod attached;
 mod check;
 mod dispatch;
 #[cfg(test)]
 mod tests;
 
-pub use super::device::ShadingReport;
-pub use attached::{attach, shading_report};
-
 use super::device::{Kernel, Program};
 use super::{BsdfShader, PatternShader};
 use crate::device::{FloatControls, Fma, float_controls, spirv};
-use crate::scene::DeviceCost;
-use crate::trace::gpu::{Fault, Gpu};
-use dispatch::{Entry, Failure, MOST_POINTS, Pipelines};
+use crate::trace::gpu::Gpu;
+use dispatch::{Entry, MOST_POINTS, Pipelines};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, OnceLock};
-use std::time::Instant;
 
-/// One point in this many is computed again by the host, and at least as many of each dispatch.
-const SAMPLE: usize = 64;
-
-/// Why a shader stays on the host.
+/// Why a device cannot compute a shader.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuProgramError {
@@ -95,8 +86,6 @@ pub struct GpuProgramReport {
     pub points: u64,
     /// Points among them that the host computed, because the device could not decide.
     pub undecided: u64,
-    /// Points of the cross-check, computed again by the host.
-    pub checked: u64,
 }
 
 /// A pattern or a BSDF compiled for a GPU and compared with the host.
@@ -108,10 +97,8 @@ pub struct GpuProgram {
     pipelines: Pipelines,
     /// True if points near subnormal numbers are left to the host.
     flushes: bool,
-    refused: OnceLock<GpuProgramError>,
     points: AtomicU64,
     undecided: AtomicU64,
-    checked: AtomicU64,
 }
 
 impl GpuProgram {
@@ -123,7 +110,8 @@ impl GpuProgram {
         Self::of(gpu, shader.program())
     }
 
-    /// Compiles what a BSDF answers to what is asked ([`crate::scene::Asked`]), and compares it with the host.
+    /// Compiles what a BSDF answers, and compares it with the host. What it is asked follows the scalars of the point:
+    /// `wo` and `wi`, then the three random numbers of `sample`. Its results are those of `evaluate`, then of `sample`.
     ///
     /// # Errors
     /// When the device cannot compute the BSDF, or not with the host's bits.
@@ -133,14 +121,8 @@ impl GpuProgram {
     }
 
     fn of(gpu: &Arc<Gpu>, program: Program) -> Result<Self, GpuProgramError> {
-        if gpu.fault() == Some(Fault::ShadeRefused) {
-            return Err(GpuProgramError::Kernel("refused, as requested".into()));
-        }
         let make = |flushes: bool| {
-            let mut kernel = Kernel::new(&program, flushes).map_err(GpuProgramError::Kernel)?;
-            if gpu.fault() == Some(Fault::ShadeInexact) {
-                kernel = with_inexact_products(kernel);
-            }
+            let kernel = Kernel::new(&program, flushes).map_err(GpuProgramError::Kernel)?;
             Self::of_kernel(gpu, program.clone(), kernel, flushes)
         };
         match make(false) {
@@ -171,10 +153,8 @@ impl GpuProgram {
             kernel,
             pipelines,
             flushes,
-            refused: OnceLock::new(),
             points: AtomicU64::new(0),
             undecided: AtomicU64::new(0),
-            checked: AtomicU64::new(0),
         })
     }
 
@@ -198,85 +178,38 @@ impl GpuProgram {
         &self.program.file
     }
 
-    /// Why the shader is back on the host, if it is.
-    pub fn refused(&self) -> Option<&GpuProgramError> {
-        self.refused.get()
-    }
-
     /// What the device has computed so far.
     pub fn report(&self) -> GpuProgramReport {
-        GpuProgramReport {
-            points: self.points.load(Relaxed),
-            undecided: self.undecided.load(Relaxed),
-            checked: self.checked.load(Relaxed),
-        }
+        GpuProgramReport { points: self.points.load(Relaxed), undecided: self.undecided.load(Relaxed) }
     }
 
     /// Computes columns of results from columns of inputs, `points` words each.
     ///
     /// # Errors
-    /// When the device is lost or has answered wrongly; the shader is then back on the host for good. When a loop of
-    /// the shader does not end.
+    /// When the device is lost or has no memory for the points, or when a loop of the shader does not end.
+    ///
+    /// # Panics
+    /// Unless there is a word for each point and input.
     pub fn evaluate(&self, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuProgramError> {
-        Ok(self.compute(points, inputs)?.0)
-    }
-
-    /// [`GpuProgram::evaluate`], with what it cost.
-    fn compute(&self, points: usize, inputs: &[u32]) -> Result<(Vec<u32>, DeviceCost), GpuProgramError> {
         assert_eq!(inputs.len(), points * self.kernel.inputs.len(), "a word for each point and input");
-        if let Some(error) = self.refused() {
-            return Err(error.clone());
-        }
         let mut all = vec![0; points * self.kernel.outputs.len()];
-        let mut cost = DeviceCost::default();
         for start in (0..points).step_by(MOST_POINTS) {
             let end = points.min(start + MOST_POINTS);
             let piece: Vec<u32> =
                 inputs.chunks(points).flat_map(|column| &column[start..end]).copied().collect();
-            let results = self.piece(end - start, &piece, &mut cost).inspect_err(|error| {
-                if !matches!(error, GpuProgramError::Endless { .. }) {
-                    let _ = self.refused.set(error.clone());
-                }
-            })?;
+            let results = self.piece(end - start, &piece)?;
             for (to, from) in all.chunks_mut(points).zip(results.chunks(end - start)) {
                 to[start..end].copy_from_slice(from);
             }
         }
-        Ok((all, cost))
+        Ok(all)
     }
 
     /// Computes the points of one dispatch.
-    fn piece(
-        &self,
-        points: usize,
-        inputs: &[u32],
-        cost: &mut DeviceCost,
-    ) -> Result<Vec<u32>, GpuProgramError> {
+    fn piece(&self, points: usize, inputs: &[u32]) -> Result<Vec<u32>, GpuProgramError> {
         let outputs = self.kernel.outputs.len() * points;
         let mut results = vec![0; outputs + points];
-        let (number, fault) = self.gpu.next_shading();
-        let failure = match fault {
-            Some(Fault::ShadeLost(_)) => Some(Failure::Loss),
-            Some(Fault::ShadeHang(_)) => Some(Failure::Hang),
-            _ if self.gpu.fault() == Some(Fault::ShadeOutOfMemory) => Some(Failure::OutOfMemory),
-            _ => None,
-        };
-        let entry = (Entry::Shade, points);
-        let began = Instant::now();
-        self.pipelines.run(&self.gpu, entry, inputs, &mut results, failure)?;
-        cost.waiting_ns += began.elapsed().as_nanos() as u64;
-        cost.bytes += (size_of_val(inputs) + size_of_val(&*results)) as u64;
-        if let Some(Fault::ShadeCorrupt(_)) = fault {
-            results[..outputs].iter_mut().for_each(|word| *word ^= 1);
-        }
-        let again = check::sample(points, number);
-        let expected = self.on_host(points, inputs, &again)?;
-        let picked: Vec<u32> =
-            results.chunks(points).flat_map(|column| again.iter().map(|&point| column[point])).collect();
-        let wrong = check::different(&picked, &expected, again.len());
-        if wrong > 0 {
-            return Err(GpuProgramError::Points { wrong, checked: again.len() });
-        }
+        self.pipelines.run(&self.gpu, (Entry::Shade, points), inputs, &mut results)?;
         let undecided: Vec<usize> = (0..points).filter(|&point| results[outputs + point] != 0).collect();
         let decided = self.on_host(points, inputs, &undecided)?;
         results.truncate(outputs);
@@ -285,8 +218,6 @@ impl GpuProgram {
         }
         self.points.fetch_add(points as u64, Relaxed);
         self.undecided.fetch_add(undecided.len() as u64, Relaxed);
-        self.checked.fetch_add(again.len() as u64, Relaxed);
-        cost.checked += again.len() as u64;
         Ok(results)
     }
 
@@ -300,12 +231,4 @@ impl GpuProgram {
         let results = self.program.evaluate(&self.kernel, some.len(), &picked);
         results.map_err(|endless| GpuProgramError::Endless { line: endless.line })
     }
-}
-
-/// A kernel whose products have another last bit in a quarter of the cases, as on a device that lies.
-fn with_inexact_products(kernel: Kernel) -> Kernel {
-    let exact = "bitcast<u32>(bitcast<f32>(a) * bitcast<f32>(b))";
-    assert!(kernel.source.contains(exact), "the product has another form");
-    let inexact = format!("({exact} ^ select(0u, 1u, (a & 3u) == 3u))");
-    Kernel { source: kernel.source.replace(exact, &inexact), ..kernel }
 }

@@ -44,7 +44,12 @@ fn functions_get_their_arguments_and_begin_with_the_initial_values_of_variables(
 #[test]
 fn answers_of_both_functions_together_have_the_bits_of_each() {
     use crate::program::device::{Given, Kernel, Program, sample_points, tests::bsdfs};
-    use crate::scene::{ANSWERS, ASKED, BlockColumns};
+    use crate::scene::BlockColumns;
+
+    /// Scalars of what is asked: `wo`, `wi`, and three random numbers.
+    const ASKED: usize = 9;
+    /// Scalars of the answers: value and density, then direction, weight and density.
+    const ANSWERS: usize = 11;
 
     fn check(name: &str, shader: &BsdfShader, program: &Program) {
         const POINTS: usize = 700;

@@ -101,7 +101,7 @@ fn loops_that_end_at_all_points_end_in_vectors_and_blocks_with_room_for_more() {
     let shader = shader.with_block(Some(64));
     let (mut points, mut finishes) = (BlockColumns::default(), BlockColumns::default());
     points.for_points(64);
-    finishes.for_results(64);
+    finishes.for_finishes(64);
     points.column_mut(0)[..5].copy_from_slice(&[0.3, 0.4, 0.5, 0.6, 0.7]);
     shader.compute(8, 5, &points, &mut finishes);
     let computed = |scalar: &usize| finishes.column(*scalar)[..5] == [1.2, 1.6, 1.0, 1.2, 1.4];

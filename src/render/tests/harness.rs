@@ -50,7 +50,6 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
                         rays: &rays[part.clone()],
                         hits: &hits[part.clone()],
                         payloads: &payloads[part.clone()],
-                        staged: &[],
                     },
                     &mut Output {
                         rays: new_rays.appender(),

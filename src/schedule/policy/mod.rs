@@ -4,11 +4,9 @@
 //! `table.rs` holds what the policies differ in; this file holds what is common to them: the conditions of the rules,
 //! the choice between jobs, and the sizes of streams and chunks.
 
-mod shading;
 mod table;
 
 use super::{Limits, Priority};
-pub use shading::ShadingRates;
 pub use table::{MOONRAY_SMALL, MOONRAY_WAITING, Policy};
 
 /// Which units trace a job's rays.
@@ -36,8 +34,6 @@ pub enum Rule {
     Flush,
     /// A dispatch thread: have the device trace a stream.
     Dispatch,
-    /// A dispatch thread: have the device stage a stream of SHADE.
-    Stage,
 }
 
 /// How fast a unit has traced or shaded a job's rays so far.
@@ -115,20 +111,12 @@ pub struct View {
     pub slot: bool,
     /// Streams in SHADE.
     pub shade: usize,
-    /// The units that shade; [`Unit::Cpu`] once the device has failed, and for renderers that use none.
-    pub shading: Unit,
-    /// Streams in SHADE that have been neither staged nor begun.
-    pub unstaged: usize,
-    /// Rays and shadow rays in these.
-    pub unstaged_rays: usize,
     /// Tasks under way.
     pub tasks: usize,
     /// How fast host threads trace.
     pub cpu: Pace,
     /// How fast dispatch threads get streams traced. Several may wait for the device at the same time.
     pub gpu: Pace,
-    /// How fast units shade.
-    pub rates: ShadingRates,
 }
 
 /// A job as the choice between jobs sees it.
@@ -186,8 +174,7 @@ impl View {
         let policy = self.policy.row();
         match rule {
             Rule::Spawn => self.tiles_left > 0 && self.tile_fits,
-            Rule::Shade => self.hosts_shade(load),
-            Rule::Stage => self.device_stages(load),
+            Rule::Shade => self.shade > 0,
             Rule::Trace => match self.unit {
                 Unit::Cpu => self.slot || self.trace > 0,
                 Unit::Hybrid => self.slot || (self.trace > 0 && (policy.hosts_open)(self, load)),
@@ -244,13 +231,10 @@ pub fn choose(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
     })
 }
 
-/// A dispatch thread's next task: staging comes first, since host threads may wait for it. `turns` stand in the order
-/// of admission.
+/// A dispatch thread's next task. `turns` stand in the order of admission.
 pub fn choose_dispatch(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
     Priority::ALL.into_iter().find_map(|priority| {
-        let rule =
-            |view: &View| [Rule::Stage, Rule::Dispatch].into_iter().find(|&rule| view.allows(rule, load));
-        pick(turns, priority, sharing, rule)
+        pick(turns, priority, sharing, |view| view.allows(Rule::Dispatch, load).then_some(Rule::Dispatch))
     })
 }
 

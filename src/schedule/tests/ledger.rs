@@ -28,24 +28,13 @@ pub struct Script {
     pub panic_at: Option<u64>,
 }
 
-/// What a device computes ahead of shading.
-#[derive(Clone, Copy, Debug)]
-pub struct Staging {
-    /// For each ray.
-    pub words: usize,
-    pub fate: Fate,
-}
-
 /// Counts for each ray. A complete job leaves a 1 for every ray emitted.
 pub struct Ledger {
     script: Script,
-    staging: Option<Staging>,
     calls: AtomicU64,
-    stagings: AtomicU64,
     spawned: Vec<AtomicU8>,
     traced: Vec<AtomicU8>,
     shaded: Vec<AtomicU8>,
-    staged: Vec<AtomicU8>,
     shadow_traced: Vec<AtomicU8>,
     shadow_answered: Vec<AtomicU8>,
 }
@@ -68,21 +57,14 @@ fn to_name(ray: &Ray) -> Name {
 
 impl Ledger {
     pub fn new(script: Script) -> Arc<Self> {
-        Self::staged(script, None)
-    }
-
-    pub fn staged(script: Script, staging: Option<Staging>) -> Arc<Self> {
         let paths = script.tiles as usize * script.tile_rays;
         let shadows = paths * (script.max_depth + 1) * script.shadow_rays_per_ray.max(1);
         Arc::new(Self {
             script,
-            staging,
             calls: AtomicU64::new(0),
-            stagings: AtomicU64::new(0),
             spawned: counters(script.tiles as usize),
             traced: counters(paths * script.max_depth),
             shaded: counters(paths * script.max_depth),
-            staged: counters(paths * script.max_depth),
             shadow_traced: counters(shadows),
             shadow_answered: counters(shadows),
         })
@@ -121,15 +103,6 @@ impl Ledger {
         let paths = move |count: u64| start..start + count as u32;
         let shadows = if (random >> 60).is_multiple_of(4) { count(random >> 32) } else { 0 };
         (paths(count(random >> 8)), paths(shadows))
-    }
-
-    fn word(&self, [path, depth, _]: Name, number: usize) -> u32 {
-        self.random([path, depth, 4000 + number as u32]) as u32
-    }
-
-    /// Rays that a device has staged.
-    pub fn rays_staged(&self) -> u64 {
-        self.staged.iter().map(|count| u64::from(count.load(Relaxed))).sum()
     }
 
     fn continues(&self, [path, depth, _]: Name) -> bool {
@@ -234,15 +207,8 @@ impl Renderer for Ledger {
     fn shade(&self, batch: Batch<'_, Name>, out: &mut Output<'_, Name, Name>) {
         self.call();
         assert!(batch.rays.len() == batch.hits.len() && batch.rays.len() == batch.payloads.len());
-        let words = batch.staged.len() / batch.rays.len();
-        assert!(words == 0 || self.staging.is_some_and(|staging| staging.words == words));
-        for (i, ((ray, hit), &name)) in batch.rays.iter().zip(batch.hits).zip(batch.payloads).enumerate() {
+        for ((ray, hit), &name) in batch.rays.iter().zip(batch.hits).zip(batch.payloads) {
             assert_eq!((to_name(ray), *hit), (name, self.hit(name)), "ray, hit and payload belong together");
-            let staged = u8::from(words > 0);
-            assert_eq!(self.staged[self.ray_index(name)].load(Relaxed), staged, "what is staged is used");
-            for (number, &word) in batch.staged[i * words..][..words].iter().enumerate() {
-                assert_eq!(word, self.word(name, number), "rays and their words belong together");
-            }
             assert_eq!(self.traced[self.ray_index(name)].load(Relaxed), 1, "traced before shaded");
             assert_eq!(self.shaded[self.ray_index(name)].fetch_add(1, Relaxed), 0, "shaded once");
             let [path, depth, _] = name;
@@ -260,37 +226,6 @@ impl Renderer for Ledger {
                 out.ray(to_ray([path, depth + 1, 0]), [path, depth + 1, 0]);
             }
         }
-    }
-
-    fn staged_words(&self) -> usize {
-        self.staging.map_or(0, |staging| staging.words)
-    }
-
-    fn stage(&self, batch: Batch<'_, Name>, words: &mut [u32]) -> Result<DeviceReport, DeviceError> {
-        let Staging { words: per_ray, fate } =
-            self.staging.expect("only renderers that have words are staged");
-        assert!(batch.rays.len() == batch.hits.len() && batch.rays.len() == batch.payloads.len());
-        assert!(!batch.rays.is_empty() && batch.staged.is_empty(), "a stream is staged once");
-        assert!(words.len() == per_ray * batch.rays.len() && words.iter().all(|&word| word == 0));
-        let dispatch = self.stagings.fetch_add(1, Relaxed);
-        match fate {
-            Fate::Lost(last) | Fate::Panics(last) if dispatch >= last => {
-                words.fill(12345);
-                if matches!(fate, Fate::Panics(_)) {
-                    resume_unwind(Box::new("the driver is gone".to_owned()));
-                }
-                return Err(DeviceError::Failed("7 of 64 points differ".to_owned()));
-            }
-            _ => {}
-        }
-        for ((ray, hit), row) in batch.rays.iter().zip(batch.hits).zip(words.chunks_mut(per_ray)) {
-            let name = to_name(ray);
-            assert_eq!(*hit, self.hit(name), "ray and hit belong together");
-            assert_eq!(self.shaded[self.ray_index(name)].load(Relaxed), 0, "staged before shaded");
-            assert_eq!(self.staged[self.ray_index(name)].fetch_add(1, Relaxed), 0, "staged once");
-            row.iter_mut().enumerate().for_each(|(number, word)| *word = self.word(name, number));
-        }
-        Ok(DeviceReport::default())
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[Name], occluded: &[u32]) {

@@ -3,7 +3,7 @@
 use super::super::policy::{
     Pace, SMALL_TASK_NS, TURN_RAYS, choose, choose_dispatch, chunk_rays, most_rays, threshold,
 };
-use super::super::{Limits, Load, Policy, Priority, Rule, ShadingRates, Sharing, TaskSize, Turn, Unit, View};
+use super::super::{Limits, Load, Policy, Priority, Rule, Sharing, TaskSize, Turn, Unit, View};
 
 const IDLE: View = View {
     unit: Unit::Hybrid,
@@ -18,13 +18,9 @@ const IDLE: View = View {
     waiting_rays: 0,
     slot: false,
     shade: 0,
-    shading: Unit::Cpu,
-    unstaged: 0,
-    unstaged_rays: 0,
     tasks: 0,
     cpu: UNKNOWN,
     gpu: UNKNOWN,
-    rates: ShadingRates { alone: UNKNOWN, staging: UNKNOWN, preparing: UNKNOWN, staged: UNKNOWN },
 };
 const UNKNOWN: Pace = Pace { rays: 0, ns: 0 };
 const ALL: View = View { tiles_left: 1, need_more: 1, trace: 1, slot: true, shade: 1, ..IDLE };
@@ -232,69 +228,6 @@ fn under_every_policy_some_thread_takes_a_full_stream() {
                 assert!(idle || busy || rule(view, load).is_some(), "{view:?} {load:?}");
             }
         }
-    }
-}
-
-#[test]
-fn a_device_that_alone_stages_comes_before_host_threads() {
-    let view = View { shading: Unit::Gpu, shade: 1, unstaged: 1, unstaged_rays: 100, ..IDLE };
-    assert_eq!((rule(view, IDLE_DEVICE), dispatch_rule(view, IDLE_DEVICE)), (None, Some(Rule::Stage)));
-    assert_eq!(rule(view, BUSY), None);
-    // Staged or begun streams are a host thread's, and streams wait to be staged before others to be traced.
-    assert_eq!(rule(View { shade: 2, ..view }, IDLE_DEVICE), Some(Rule::Shade));
-    assert_eq!(dispatch_rule(View { trace: 1, ..view }, IDLE_DEVICE), Some(Rule::Stage));
-    assert_eq!(dispatch_rule(View { trace: 1, unstaged: 0, ..view }, IDLE_DEVICE), Some(Rule::Dispatch));
-    let failed = View { shading: Unit::Cpu, ..view };
-    assert_eq!((rule(failed, IDLE_DEVICE), dispatch_rule(failed, IDLE_DEVICE)), (Some(Rule::Shade), None));
-    // SHADE is not empty: nothing is flushed meanwhile.
-    assert_eq!(rule(View { need_more: 1, ..view }, IDLE_DEVICE), None);
-}
-
-#[test]
-fn rates_tell_whether_staging_pays() {
-    let pace = |ns_per_ray: u64| Pace { rays: 1000, ns: 1000 * ns_per_ray };
-    // Host threads take 200 ns for a ray alone, and 80 ns for one that took 20 ns to prepare.
-    let rates = ShadingRates { alone: pace(200), staging: pace(50), preparing: pace(20), staged: pace(80) };
-    let view = View { shading: Unit::Hybrid, shade: 4, unstaged: 4, unstaged_rays: 40_000, rates, ..IDLE };
-    let choice = |view, load| (rule(view, load), dispatch_rule(view, load));
-    assert_eq!(choice(view, IDLE_DEVICE), (None, Some(Rule::Stage)));
-    assert_eq!(choice(view, BUSY), (Some(Rule::Shade), Some(Rule::Stage)));
-    // Preparing takes all that staging saves.
-    let dear = View { rates: ShadingRates { preparing: pace(120), ..rates }, ..view };
-    assert_eq!(choice(dear, IDLE_DEVICE), (Some(Rule::Shade), None));
-    // A device so slow that host threads have shaded all before, unless they have more to do.
-    let slow = View { rates: ShadingRates { staging: pace(1000), ..rates }, ..view };
-    assert_eq!(choice(slow, IDLE_DEVICE), (Some(Rule::Shade), None));
-    let busy = View { waiting_rays: 200_000, cpu: pace(100), ..slow };
-    assert_eq!(choice(busy, IDLE_DEVICE), (None, Some(Rule::Stage)));
-    // What is unknown is tried, by host threads too.
-    let unknown = View { rates: ShadingRates::default(), ..view };
-    assert_eq!(choice(unknown, IDLE_DEVICE), (Some(Rule::Shade), Some(Rule::Stage)));
-}
-
-#[test]
-fn some_thread_takes_every_stream_of_shade() {
-    for case in 0..30_000u64 {
-        let random = |salt: u64| super::ledger::mix(case << 8 | salt);
-        let pace = |salt| Pace { rays: random(salt) % 1000, ns: random(salt + 1) % 1_000_000 };
-        let load = Load {
-            hosts: 1 + random(1) as usize % 8,
-            dispatchers: 4,
-            idle_dispatchers: random(2) as usize % 5,
-        };
-        let unstaged = 1 + random(3) as usize % 3;
-        let view = View {
-            shading: [Unit::Cpu, Unit::Gpu, Unit::Hybrid][case as usize % 3],
-            shade: unstaged,
-            unstaged,
-            unstaged_rays: random(4) as usize % 50_000,
-            waiting_rays: random(5) % 500_000,
-            cpu: pace(6),
-            rates: ShadingRates { alone: pace(8), staging: pace(10), preparing: pace(12), staged: pace(14) },
-            ..IDLE
-        };
-        // A busy dispatch thread comes back.
-        assert!(rule(view, load).is_some() || dispatched(view, load), "{view:?} {load:?}");
     }
 }
 

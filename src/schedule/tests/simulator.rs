@@ -9,7 +9,7 @@ use super::super::service::prepare;
 use super::super::state::{JobId, Next, Receiver, State, Submission};
 use super::super::task::Work;
 use super::super::{JobOptions, Policy, Priority, ServiceOptions, Sharing, TaskKind, Tracers, Unit};
-use super::ledger::{FakeDevice, Fate, Ledger, Script, Staging, mix};
+use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
 use crate::stream::ChunkScratch;
 use std::sync::{Arc, Mutex};
 
@@ -73,8 +73,6 @@ struct Case {
     panics: bool,
     cancelled: bool,
     stopped: bool,
-    /// True if a device stages every stream that has rays.
-    all_staged: bool,
 }
 
 #[derive(Default)]
@@ -84,10 +82,6 @@ struct Tally {
     cancelled: usize,
     panicked: usize,
     lost: usize,
-    /// Jobs whose streams have been staged, all of them or some; and jobs whose device failed at it.
-    staged: usize,
-    partly_staged: usize,
-    unstaged: usize,
     tasks: usize,
 }
 
@@ -152,15 +146,9 @@ impl Simulation {
             shadow_rays_per_ray: random.range(0, 2),
             panic_at: panics.then(|| random.next() % 60),
         };
-        let mut fate = || {
-            let dispatches = random.next() % 12;
-            random.pick(&[Fate::Lives, Fate::Lives, Fate::Lost(dispatches), Fate::Panics(dispatches)])
-        };
-        let (fate, staging_fate) = (fate(), fate());
-        let words = random.range(1, 5);
-        let staging = (!random.one_in(3)).then_some(Staging { words, fate: staging_fate });
-        let ledger = Ledger::staged(script, staging);
-        let shading = random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid, Unit::Hybrid]);
+        let dispatches = random.next() % 12;
+        let fate = random.pick(&[Fate::Lives, Fate::Lives, Fate::Lost(dispatches), Fate::Panics(dispatches)]);
+        let ledger = Ledger::new(script);
         let device = Arc::new(FakeDevice {
             ledger: Arc::clone(&ledger),
             fate,
@@ -172,11 +160,8 @@ impl Simulation {
         let tracers = Tracers {
             device: (!random.one_in(6)).then_some(device as _),
             unit: random.pick(&[Unit::Cpu, Unit::Gpu, Unit::Hybrid, Unit::Hybrid]),
-            ..Tracers::cpu(Arc::clone(&ledger) as _).with_shading(shading)
+            ..Tracers::cpu(Arc::clone(&ledger) as _)
         };
-        let traces = tracers.device.is_some() && tracers.unit != Unit::Cpu && fate != Fate::Lives;
-        let stages = staging.is_some_and(|staging| staging.fate == Fate::Lives) && shading == Unit::Gpu;
-        let all_staged = stages && !traces && self.threads.len() > self.hosts;
         let chunk_rays = random.range(1, 8);
         let options = JobOptions {
             name: Some("scripted".into()),
@@ -199,7 +184,7 @@ impl Simulation {
             prepare(Arc::clone(&ledger), tracers, &options, threads, &self.pool, receiver).unwrap();
         let submission = Submission { is_query: self.random.one_in(3), ..submission };
         let id = self.state.submit(submission, self.now_ns);
-        self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false, all_staged });
+        self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });
         self.apply_effects();
     }
 
@@ -374,14 +359,7 @@ impl Case {
                     .filter(|task| matches!(task.kind, TaskKind::Trace | TaskKind::Dispatch));
                 let traced: u64 = traced.map(|task| u64::from(task.rays)).sum();
                 assert_eq!(traced, report.rays.total(), "the timeline has every ray");
-                let (staged, rays) = (self.ledger.rays_staged(), camera + continuation);
-                assert!(staged == rays || !self.all_staged, "{staged} of {rays} rays were staged");
-                let shaded = report.shading.alone.rays + report.shading.staged.rays;
-                assert_eq!(shaded, report.rays.total(), "every ray is shaded");
-                assert!(report.shading.staged.rays >= staged);
-                tally.staged += usize::from(staged > 0 && staged == rays);
-                tally.partly_staged += usize::from(staged > 0 && staged < rays);
-                tally.unstaged += usize::from(report.events.iter().any(|event| event.contains("to shade")));
+                assert_eq!(report.shading.rays, report.rays.total(), "every ray is shaded");
                 tally.stopped += usize::from(report.stopped);
                 tally.complete += usize::from(!report.stopped);
                 tally.lost += usize::from(report.events.iter().any(|event| event.contains("device failed")));
@@ -410,14 +388,12 @@ fn simulate(seeds: std::ops::Range<u64>) {
             std::panic::resume_unwind(payload);
         }
     }
-    let Tally { complete, stopped, cancelled, panicked, lost, staged, partly_staged, unstaged, tasks } =
-        tally;
+    let Tally { complete, stopped, cancelled, panicked, lost, tasks } = tally;
     println!(
         "{tasks} tasks; jobs: {complete} complete ({lost} lost a device), {stopped} stopped, \
-         {cancelled} cancelled, {panicked} panicked; {staged} staged, {partly_staged} in part, {unstaged} failed"
+         {cancelled} cancelled, {panicked} panicked"
     );
     let least = complete.min(stopped).min(cancelled).min(panicked).min(lost);
-    let least = least.min(staged).min(partly_staged).min(unstaged);
     assert!(least > 100, "every ending is simulated often");
 }
 

@@ -1,7 +1,7 @@
 //! The service with real threads, and with devices that live, are slow or die.
 
 use super::super::{JobError, TaskKind, ThreadKind, Tracers, Unit};
-use super::ledger::{FakeDevice, Fate, Ledger, Script, Staging, mix};
+use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
 use super::{SCRIPT, SMALL, outcome, service};
 use std::sync::Arc;
 use std::time::Duration;
@@ -64,44 +64,6 @@ fn a_device_that_dies_costs_nothing_but_time() {
 }
 
 #[test]
-fn a_device_stages_what_host_threads_shade() {
-    for fate in [Fate::Lives, Fate::Lost(0), Fate::Lost(3), Fate::Panics(5)] {
-        for shading in [Unit::Cpu, Unit::Gpu, Unit::Hybrid] {
-            let service = service(2, 2);
-            let ledger = Ledger::staged(SCRIPT, Some(Staging { words: 3, fate }));
-            let tracers = Tracers::cpu(Arc::clone(&ledger) as _).with_shading(shading);
-            let report = outcome(service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
-            let [camera, continuation, _] = ledger.check_complete();
-            let (staged, tasks) = (ledger.rays_staged(), &report.timeline);
-            let seconds: u64 = tasks
-                .iter()
-                .filter(|task| task.kind == TaskKind::Stage)
-                .map(|task| task.end_ns - task.start_ns)
-                .sum();
-            match (shading, fate) {
-                (Unit::Cpu, _) => assert!(staged == 0 && report.shading.staging.rays == 0),
-                (Unit::Gpu, Fate::Lives) => {
-                    assert_eq!((staged, report.events.len()), (camera + continuation, 0));
-                    // Streams without rays are not staged.
-                    let shaded = report.shading.staged.rays + report.shading.alone.rays;
-                    assert_eq!((report.shading.staging.ns, shaded), (seconds, report.rays.total()));
-                    assert_eq!(report.shading.staged.rays, report.shading.staging.rays);
-                }
-                (Unit::Gpu, _) => {
-                    assert!(staged < camera + continuation && report.shading.alone.rays > 0);
-                    let event = &report.events[0];
-                    assert!(
-                        event.starts_with("a GPU failed to shade (") && report.events.len() == 1,
-                        "{event}"
-                    );
-                }
-                (Unit::Hybrid, _) => assert!(report.events.len() <= usize::from(fate != Fate::Lives)),
-            }
-        }
-    }
-}
-
-#[test]
 fn a_slow_device_is_helped() {
     let service = service(2, 1);
     let ledger = Ledger::new(SCRIPT);
@@ -126,11 +88,6 @@ fn without_a_device_or_its_threads_the_host_traces_and_says_so() {
     let report = outcome(service(1, 0).submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
     assert_eq!(report.events, ["a fake device is not used: the service has no dispatch threads"]);
     assert_eq!(report.gpu.rays, 0);
-    ledger.check_complete();
-    let ledger = Ledger::staged(SCRIPT, Some(Staging { words: 1, fate: Fate::Lives }));
-    let tracers = Tracers::cpu(Arc::clone(&ledger) as _).with_shading(Unit::Gpu);
-    let report = outcome(service(1, 0).submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
-    assert_eq!(report.events, ["no GPU shades: the service has no dispatch threads"]);
     ledger.check_complete();
 }
 

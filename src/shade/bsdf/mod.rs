@@ -39,7 +39,7 @@ pub use scattering::Scattering;
 
 use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Scene, Staged, Surface};
+use crate::scene::{Scene, Surface};
 
 /// The perceptual roughnesses below which surfaces count as smooth.
 #[derive(Clone, Copy, Debug)]
@@ -223,18 +223,9 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             }
             Surface::Scattering(index) => {
                 let surface = &scene.scatterings[*index as usize];
-                Self::Scattering(Scattering { surface, points: at.points(scene), staged: None })
+                Self::Scattering(Scattering { surface, points: at.points(scene) })
             }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
-        }
-    }
-
-    /// Lets a surface of user code return what was staged for these points, instead of computing it: the arguments must
-    /// be those of the stage ([`crate::scene::Asked`]).
-    #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn set_staged(&mut self, staged: Option<Staged<'s>>) {
-        if let Self::Scattering(scattering) = self {
-            scattering.staged = staged;
         }
     }
 

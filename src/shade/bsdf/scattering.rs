@@ -2,7 +2,7 @@
 
 use super::Sample;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Points, Scattered, ScatteringSurface, Staged};
+use crate::scene::{Points, Scattered, ScatteringSurface};
 
 /// A [`crate::scene::Scattering`] at points.
 #[derive(Clone, Copy, Debug)]
@@ -11,18 +11,13 @@ pub struct Scattering<'s, L: Lanes> {
     pub surface: &'s ScatteringSurface,
     /// The surface points.
     pub points: Points<'s, L>,
-    /// What the surface has answered before.
-    pub staged: Option<Staged<'s>>,
 }
 
 impl<L: Lanes> Scattering<'_, L> {
     /// See [`super::Bsdf::evaluate`].
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-        let (value, pdf) = match self.staged {
-            Some(staged) => staged.evaluated(wi.lanes()),
-            None => self.surface.evaluate(&self.points, wo, wi),
-        };
+        let (value, pdf) = self.surface.evaluate(&self.points, wo, wi);
         let above = if self.surface.transmits() { Mask::splat(wi.lanes(), true) } else { wi.z.above(0.0) };
         (value.only(above), pdf.only(above))
     }
@@ -30,10 +25,7 @@ impl<L: Lanes> Scattering<'_, L> {
     /// See [`super::Bsdf::sample`].
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
-        let Scattered { wi, weight, pdf } = match self.staged {
-            Some(staged) => staged.scattered(wo.lanes()),
-            None => self.surface.sample(&self.points, wo, u, u2),
-        };
+        let Scattered { wi, weight, pdf } = self.surface.sample(&self.points, wo, u, u2);
         let (above, below) = (wi.z.above(0.0), wi.z.below(0.0));
         let there = if self.surface.transmits() { above | below } else { above };
         Sample {

@@ -45,8 +45,6 @@ struct AdapterHistory {
     fault: Option<Fault>,
     /// Dispatches of rays so far.
     dispatches: AtomicU64,
-    /// Dispatches of shaders so far.
-    shadings: AtomicU64,
 }
 
 impl Gpu {
@@ -180,21 +178,10 @@ impl Gpu {
         (number, self.history.fault.filter(|fault| fault.dispatch() == Some(number)))
     }
 
-    /// Numbers a dispatch of a shader, from 1; returns the fault to inject into it.
-    #[cfg(feature = "wgsl")]
-    pub(crate) fn next_shading(&self) -> (u64, Option<Fault>) {
-        let number = self.history.shadings.fetch_add(1, Ordering::Relaxed) + 1;
-        (number, self.history.fault.filter(|fault| fault.shading() == Some(number)))
-    }
-
     /// The fault to inject, unless it has happened or cannot happen at a dispatch.
     pub fn idle_fault(&self) -> Option<Fault> {
         let dispatches = self.history.dispatches.load(Ordering::Relaxed);
-        let shadings = self.history.shadings.load(Ordering::Relaxed);
-        self.history.fault.filter(|fault| {
-            fault.dispatch().is_some_and(|at| at > dispatches)
-                || fault.shading().is_some_and(|at| at > shadings)
-        })
+        self.history.fault.filter(|fault| fault.dispatch().is_some_and(|at| at > dispatches))
     }
 
     /// The fault to inject.

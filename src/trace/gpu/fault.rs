@@ -18,26 +18,13 @@ pub enum Fault {
     OutOfMemory,
     /// Fused multiply-adds have another last bit in some cases.
     Inexact,
-    /// The device is lost while it computes a shader. Dispatches of shaders are numbered by themselves.
-    ShadeLost(u64),
-    /// The dispatch of a shader never returns.
-    ShadeHang(u64),
-    /// The dispatch of a shader returns wrong results.
-    ShadeCorrupt(u64),
-    /// The device has no memory for the points of shaders.
-    ShadeOutOfMemory,
-    /// The device refuses the kernels of shaders.
-    ShadeRefused,
-    /// Products in shaders have another last bit in some cases.
-    ShadeInexact,
 }
 
 /// A text that names no fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, or shade-lost@N, shade-hang@N or \
-     shade-corrupt@N, where N is the dispatch at which it happens, from 1; or gpu-oom, gpu-inexact, shade-oom, \
-     shade-refused or shade-inexact"
+    "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, where N is the dispatch at which it \
+     happens, from 1; or gpu-oom or gpu-inexact"
 )]
 pub struct NoSuchFault(String);
 
@@ -50,9 +37,6 @@ impl FromStr for Fault {
             return match text {
                 "gpu-oom" => Ok(Self::OutOfMemory),
                 "gpu-inexact" => Ok(Self::Inexact),
-                "shade-oom" => Ok(Self::ShadeOutOfMemory),
-                "shade-refused" => Ok(Self::ShadeRefused),
-                "shade-inexact" => Ok(Self::ShadeInexact),
                 _ => Err(error()),
             };
         };
@@ -61,9 +45,6 @@ impl FromStr for Fault {
             "gpu-lost" => Ok(Self::Lost(at)),
             "gpu-hang" => Ok(Self::Hang(at)),
             "gpu-corrupt" => Ok(Self::Corrupt(at)),
-            "shade-lost" => Ok(Self::ShadeLost(at)),
-            "shade-hang" => Ok(Self::ShadeHang(at)),
-            "shade-corrupt" => Ok(Self::ShadeCorrupt(at)),
             _ => Err(error()),
         }
     }
@@ -74,14 +55,6 @@ impl Fault {
     pub(super) fn dispatch(self) -> Option<u64> {
         match self {
             Self::Lost(at) | Self::Hang(at) | Self::Corrupt(at) => Some(at),
-            _ => None,
-        }
-    }
-
-    /// The number of the dispatch of a shader at which the fault happens.
-    pub(super) fn shading(self) -> Option<u64> {
-        match self {
-            Self::ShadeLost(at) | Self::ShadeHang(at) | Self::ShadeCorrupt(at) => Some(at),
             _ => None,
         }
     }
@@ -96,12 +69,6 @@ impl Display for Fault {
             Self::Corrupt(at) => write!(f, "gpu-corrupt@{at}"),
             Self::OutOfMemory => f.write_str("gpu-oom"),
             Self::Inexact => f.write_str("gpu-inexact"),
-            Self::ShadeLost(at) => write!(f, "shade-lost@{at}"),
-            Self::ShadeHang(at) => write!(f, "shade-hang@{at}"),
-            Self::ShadeCorrupt(at) => write!(f, "shade-corrupt@{at}"),
-            Self::ShadeOutOfMemory => f.write_str("shade-oom"),
-            Self::ShadeRefused => f.write_str("shade-refused"),
-            Self::ShadeInexact => f.write_str("shade-inexact"),
         }
     }
 }
@@ -131,16 +98,7 @@ mod tests {
             let error = bad.parse::<Fault>().expect_err(bad).to_string();
             assert!(error.contains(&format!("{bad:?}")) && error.contains("gpu-corrupt@N"), "{error}");
         }
-        let shading = [
-            Fault::ShadeLost(3),
-            Fault::ShadeHang(1),
-            Fault::ShadeCorrupt(9),
-            Fault::ShadeOutOfMemory,
-            Fault::ShadeRefused,
-            Fault::ShadeInexact,
-        ];
-        let tracing = [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory, Fault::Inexact];
-        for fault in tracing.into_iter().chain(shading) {
+        for fault in [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory, Fault::Inexact] {
             assert_eq!(fault.to_string().parse(), Ok(fault));
         }
     }

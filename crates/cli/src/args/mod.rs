@@ -30,8 +30,6 @@ pub use scene::{MemoryArgs, SceneArgs};
 pub use shaders::ShadersCommand;
 pub use spec::SpecArgs;
 pub use trace::{MeshArgs, TraceArgs};
-#[cfg(feature = "gpu")]
-pub use units::ShadeChoice;
 pub use units::{PolicyChoice, TracerChoice, UnitArgs};
 
 use crate::service::ServiceCommand;

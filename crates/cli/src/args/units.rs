@@ -15,18 +15,6 @@ pub enum TracerChoice {
     Hybrid,
 }
 
-/// Which unit computes patterns and BSDFs in WGSL.
-#[cfg(feature = "gpu")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ShadeChoice {
-    /// The CPU.
-    Cpu,
-    /// The GPU.
-    Gpu,
-    /// The GPU if it is hardware, for patterns of many operations, where measured rates say that it pays.
-    Auto,
-}
-
 /// How tasks are distributed among units and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PolicyChoice {
@@ -58,19 +46,14 @@ pub struct UnitArgs {
     /// used only when it is named or `--tracer` asks for the GPU and there is no other.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
-    /// Which unit computes patterns and BSDFs in WGSL (`--surface`). The picture is the same.
-    #[cfg(feature = "gpu")]
-    #[arg(long, value_enum, value_name = "UNIT", default_value_t = ShadeChoice::Cpu)]
-    pub shade: ShadeChoice,
     /// Number of host threads [default: one per core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
     /// Instruction set of the CPU tracer: auto, avx512, avx2, neon or scalar.
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
-    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom,
-    /// gpu-inexact. The same with shaders: shade-lost@N, shade-hang@N, shade-corrupt@N; shade-oom, shade-refused or
-    /// shade-inexact. The result is the same; the exit code is 1 with --strict.
+    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom or
+    /// gpu-inexact. The result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]
     pub inject: Option<Fault>,

@@ -83,7 +83,6 @@ pub fn run(
     progress.write();
     totals.events.lack(finished.and_then(write_last));
     totals.events.recover(setup.idle_fault());
-    totals.add_shading(setup);
     totals.joules = meters.joules();
     write_timeline(args, setup, &totals, recorder)?;
     done.sort_by_key(|frame| frame.frame);

@@ -72,7 +72,6 @@ pub fn run(
     let (film, picture) = (frame.picture(), rendering.developed(&frame, &camera));
     viewer.show(&name, &picture);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
-    totals.add_shading(setup);
     totals.events.lack((end == End::Interrupted).then(|| stopped(&frame)).flatten());
     totals.events.lack(save_last(args, checkpoint.as_ref(), &frame, &picture)?);
     totals.events.lack(partial::write_finished(part, rendering, &camera, &frame, &picture.metadata)?);

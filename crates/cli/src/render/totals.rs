@@ -67,13 +67,6 @@ impl Totals {
         }
     }
 
-    /// Adds what a GPU has computed of shaders, and why some are back on the CPU.
-    pub fn add_shading(&mut self, setup: &Setup) {
-        let (shading, unshaded) = setup.shading();
-        self.units.shading = shading.map(|stats| stats.with_rates(self.units.shading_rates));
-        self.events.recover(unshaded);
-    }
-
     /// Memory use: the shared tree and the ray streams.
     pub fn memory(&self, setup: &Setup) -> MemoryStats {
         let (tree_bytes, triangles) = (setup.prepared.bvh.bytes(), setup.prepared.scene.mesh.triangles.len());

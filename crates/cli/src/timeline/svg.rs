@@ -64,7 +64,7 @@ pub fn text(timeline: &Timeline) -> String {
         draw(&mut out, curve, lanes + 4.0 + (CURVE + 8.0) * row as f64, end_ns);
     }
     let y = height - 14.0;
-    let kinds = [TaskKind::Spawn, TaskKind::Trace, TaskKind::Dispatch, TaskKind::Stage, TaskKind::Shade];
+    let kinds = [TaskKind::Spawn, TaskKind::Trace, TaskKind::Dispatch, TaskKind::Shade];
     for (i, kind) in kinds.into_iter().enumerate() {
         let x = MARGIN + 110.0 * i as f64;
         let _ = writeln!(

@@ -91,7 +91,6 @@ impl Run {
             most_in_flight: usize::MAX,
             host_threads: self.machine.hosts,
             dispatch_threads: self.dispatchers(),
-            traces_on_device: device.is_some(),
             device: device.map(|device| device.sizing),
         };
         Limits::derive(&JobOptions::default(), demand).expect("a real job's sizes fit each other")
@@ -136,7 +135,7 @@ impl Run {
         let tracers = Tracers {
             device: (dispatchers > 0).then(|| Arc::clone(&frame) as _),
             unit: self.unit,
-            ..Tracers::cpu(Arc::clone(&frame) as _).with_shading(Unit::Cpu)
+            ..Tracers::cpu(Arc::clone(&frame) as _)
         };
         let outbox = Arc::new(Outbox::default());
         let receiver = Arc::clone(&outbox) as _;
