@@ -19,11 +19,11 @@ pub use pass_units::PassUnits;
 
 use std::time::Duration;
 
-/// How long the planner rests if it is not woken.
+/// The time for which the planner rests if it is not woken.
 pub const PLANNER_PAUSE: Duration = Duration::from_millis(250);
 
 /// Threads for what is no unit: plans, pictures, frames whose samples the time decides.
 pub const TASK_THREADS: usize = 4;
 
-/// How many workers try a unit before its job fails.
+/// The number of workers that try a unit before its job fails.
 pub const MOST_ATTEMPTS: u32 = 5;
