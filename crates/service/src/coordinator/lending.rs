@@ -28,7 +28,7 @@ pub(super) struct Outstanding {
     /// The keys of those that fell silent or ended while they had it, and how often that has happened.
     pub lost: HashSet<String>,
     pub losses: u32,
-    /// The sums of another worker with which those of this rendering are compared, if it is a second one.
+    /// The rendering of another worker with which this one is compared, if it is a second one.
     pub compared: Option<Comparison>,
     /// True if this process renders it.
     pub is_home: bool,

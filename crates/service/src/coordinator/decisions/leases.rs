@@ -76,8 +76,8 @@ pub fn is_compared(drawn: f64, share: f64, brought: u64) -> bool {
     share > 0.0 && (drawn <= share || brought < FIRST_COMPARED)
 }
 
-/// True if a worker gets no more units: it has had some for the time `owes` and has returned nothing meanwhile, or it
-/// has lost or given back `in_a_row` of them, and that is too long or too many.
+/// True if a worker gets no more units: it has had some for too long (`owes`) and has returned nothing meanwhile, or it
+/// has lost or given back too many in a row.
 pub fn is_fruitless(owes: Option<Duration>, in_a_row: u32, lease: Duration) -> bool {
     owes.is_some_and(|owes| owes > MOST_FRUITLESS * lease) || in_a_row >= MOST_FRUITLESS
 }
