@@ -16,7 +16,7 @@ pub(super) struct OptionSpec {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PluginOptions(BTreeMap<String, String>);
 
-/// Why options cannot be used.
+/// The reason why options cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OptionError {

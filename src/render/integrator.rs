@@ -5,7 +5,7 @@ use crate::lanes::SimdLevel;
 use crate::scene::{Camera, CameraError, Scene};
 use std::sync::Arc;
 
-/// What renders a [`Frame`] and can be given another frame of the same scene. A job runs it as a
+/// A renderer of a [`Frame`] that can be given another frame of the same scene. A job runs it as a
 /// [`crate::schedule::Renderer`].
 pub trait Integrator: Sized + Send + Sync + 'static {
     /// The frame that it renders.

@@ -2,7 +2,7 @@
 
 use super::Outcome;
 
-/// What went otherwise than planned, one sentence each.
+/// Unplanned events, one sentence each.
 #[derive(Debug, Default)]
 pub struct Events {
     /// Failures after which the result is right all the same.

@@ -23,7 +23,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Where in the file the option stands that an error of clap is about, if it does.
+    /// Returns the place in the file of the option that an error of clap is about, if the option stands there.
     pub fn place_of(&self, error: &clap::Error) -> Option<String> {
         let named = error.get(ContextKind::InvalidArg)?.to_string();
         let (_, place) = self.places.iter().find(|(name, _)| is_named(&named, name))?;

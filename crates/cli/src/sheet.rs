@@ -7,7 +7,7 @@ use raystream::meters::processor;
 use serde::Serialize;
 use std::path::Path;
 
-/// What every file of `--json` begins with.
+/// The fields with which every file of `--json` begins.
 #[derive(Serialize)]
 pub struct Provenance {
     schema: u32,

@@ -27,7 +27,7 @@ use std::sync::Arc;
 /// An error of a plug-in.
 pub type PluginError = Box<dyn Error + Send + Sync>;
 
-/// What an integrator is constructed from.
+/// The parameters from which an integrator is constructed.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct IntegratorParams {

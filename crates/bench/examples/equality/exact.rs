@@ -30,7 +30,7 @@ fn cross(a: &Point, b: &Point) -> Point {
     [minor(1, 2), minor(2, 0), minor(0, 1)]
 }
 
-/// Where the ray's line meets a triangle, edges included; `None` beside it, and when they are parallel.
+/// The t at which the ray's line meets a triangle, edges included; `None` beside it, and when they are parallel.
 pub fn crossing(ray: &Ray, corners: [Vec3; 3]) -> Option<f64> {
     let origin = point(ray.origin.into());
     let direction = point(ray.direction.into());

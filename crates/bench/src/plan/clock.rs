@@ -16,7 +16,7 @@ pub fn seconds(time: Time) -> f64 {
     time as f64 * 1e-9
 }
 
-/// What is due, in the order of time and then of entry.
+/// The events that are due, in the order of time and then of entry.
 #[derive(Debug)]
 pub struct Clock<E> {
     now: Time,
@@ -80,7 +80,7 @@ impl<E> Clock<E> {
         self.at(self.now + time(seconds), event);
     }
 
-    /// What happens next; it is that late then.
+    /// Takes the next event; it is that late then.
     pub fn next(&mut self) -> Option<E> {
         let Reverse(due) = self.due.pop()?;
         self.now = due.at;

@@ -17,8 +17,8 @@ pub struct Farm {
     pub compared: f64,
 }
 
-/// What things cost, in seconds and bytes. The defaults are those of a small machine without a GPU: two cores of a
-/// 2023 server as coordinator, a scene of 50 MB, pictures without layers.
+/// The costs of a farm's work, in seconds and bytes. The defaults are those of a small machine without a GPU: two cores
+/// of a 2023 server as coordinator, a scene of 50 MB, pictures without layers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Costs {
@@ -60,7 +60,7 @@ pub struct Costs {
     pub open_s: f64,
     /// Writing the pictures of a frame.
     pub finish_s: f64,
-    /// How long a worker may be silent about a unit before another one gets it.
+    /// Time for which a worker may be silent about a unit before another one gets it.
     pub lease_s: f64,
 }
 
@@ -92,7 +92,7 @@ impl Default for Costs {
 }
 
 impl Costs {
-    /// What is wrong with them, if anything: the name of a field and what it must be.
+    /// Returns what is wrong with them, if anything: the name of a field and what it must be.
     pub fn problem(&self) -> Option<String> {
         let positive = [
             ("samples_per_second", self.samples_per_second),
@@ -132,7 +132,7 @@ impl Costs {
 /// A job of pictures with the same number of samples in each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramesJob {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Width and height in pixels.
     pub size: (u32, u32),
@@ -140,14 +140,14 @@ pub struct FramesJob {
     pub spp: u32,
     /// Pictures.
     pub frames: u32,
-    /// How urgent it is.
+    /// Its priority.
     pub priority: Priority,
 }
 
 /// A live view: the frames of a camera that moves all the time. Machines render rows of each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveJob {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Width and height in pixels.
     pub size: (u32, u32),
@@ -159,7 +159,7 @@ pub struct LiveJob {
     pub pixel_bytes: f64,
 }
 
-/// What is to be done.
+/// A job to plan for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlannedJob {
     /// Pictures.
@@ -187,7 +187,7 @@ impl PlannedJob {
         Self::Live(LiveJob { name, size, spp: 1, frames: 100, pixel_bytes: 0.3 })
     }
 
-    /// What it is called.
+    /// Its name.
     pub fn name(&self) -> &str {
         match self {
             Self::Frames(job) => &job.name,

@@ -75,7 +75,7 @@ impl Simulator<'_> {
         machine.is_there && machine.life == slot.life
     }
 
-    /// How long ago the life of a slot ended.
+    /// The time since the life of a slot ended; 0 if it goes on.
     pub fn silent(&self, slot: Slot) -> Time {
         if self.is_there(slot) { 0 } else { self.clock.now() - self.machines[slot.machine as usize].gone }
     }

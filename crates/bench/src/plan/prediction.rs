@@ -2,23 +2,23 @@
 
 use serde::Serialize;
 
-/// How busy a part of the farm is.
+/// The load of a part of the farm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Load {
-    /// What it is.
+    /// The part's name.
     pub name: &'static str,
     /// The share of the time, or of what it can carry, from 0 to 1.
     pub share: f64,
 }
 
-/// What a job takes on a farm.
+/// The predicted time, bytes and loads of a job on a farm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Prediction {
     /// The job.
     pub job: String,
     /// Machines that render.
     pub machines: u32,
-    /// What renders, in machines: the coordinator renders rows of live views, too.
+    /// The power that renders, in machines: the coordinator renders rows of live views, too.
     pub power: f64,
     /// From the start of the machines, when the job is submitted, until its last picture is written. Of a live view:
     /// the time in which its moving frames have as many pixels as all its frames would have in full size.
@@ -29,7 +29,7 @@ pub struct Prediction {
     pub frames_per_second: f64,
     /// Units that are rendered, or tiles of a live view.
     pub units: u64,
-    /// How long a unit takes.
+    /// The mean of the seconds that a unit, or a tile of a live view, takes.
     pub unit_s: f64,
     /// The share of the machines' time in which they do nothing, from 0 to 1.
     pub idle_share: f64,
@@ -37,9 +37,9 @@ pub struct Prediction {
     pub bytes: f64,
     /// Units that came to a worker from another, or tiles of a live view that came too late.
     pub redeliveries: u64,
-    /// How busy each part is.
+    /// The load of each part.
     pub loads: Vec<Load>,
-    /// Why the job fails, if it does.
+    /// The reason why the job fails, if it does.
     pub failed: Option<String>,
 }
 

@@ -84,7 +84,7 @@ impl<T> Shared<T> {
         self.users.push(Reverse(User { end: self.each + needed, seq: self.entered, token }));
     }
 
-    /// When the next user ends if nothing changes, and the version for which this holds.
+    /// The time at which the next user ends if nothing changes, and the version for which this holds.
     pub fn due(&self) -> Option<(Time, u32)> {
         let Reverse(first) = self.users.peek()?;
         let left = (first.end - self.each).max(0.0);
@@ -110,14 +110,14 @@ impl<T> Shared<T> {
         users
     }
 
-    /// What it has done by now.
+    /// The sum of what its users have got by now.
     pub fn done(&mut self, now: Time) -> f64 {
         self.advance(now);
         self.done
     }
 }
 
-/// What a few have at the same time while the others wait in the order in which they came.
+/// A thing that a few have at the same time while the others wait in the order in which they came.
 #[derive(Debug)]
 pub struct Turns<T> {
     free: usize,

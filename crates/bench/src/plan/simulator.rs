@@ -84,7 +84,7 @@ pub(super) struct Flight {
     pub holder: Option<Slot>,
     pub losses: u32,
     pub is_done: bool,
-    /// When it was leased, and when it was begun.
+    /// The times at which it was leased and at which it was begun.
     pub leased: Time,
     pub began: Time,
 }
@@ -158,7 +158,7 @@ pub(super) struct Simulator<'a> {
     pub planner: Planner,
     pub counts: Counts,
     pub failed: Option<String>,
-    /// When the last unit was kept.
+    /// The time at which the last unit was kept.
     pub kept_at: Time,
 }
 

@@ -13,7 +13,8 @@ pub struct CompareArgs {
     pub reference: PathBuf,
     /// The picture that is compared with it, of the same size.
     pub test: PathBuf,
-    /// What is measured, separated by commas: mse and relmse of linear radiance; psnr, ssim and flip of what is shown.
+    /// Metrics, separated by commas: mse and relmse of linear radiance; psnr, ssim and flip of the picture as it is
+    /// shown.
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Metric::ALL)]
     pub metric: Vec<Metric>,
     /// End with exit code 1 if a metric is greater than this (repeatable).
@@ -28,7 +29,7 @@ pub struct CompareArgs {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
-    /// How radiance is shown.
+    /// The look of radiance.
     #[command(flatten)]
     pub look: SpecArgs<LookSpec>,
 }

@@ -27,10 +27,10 @@ pub struct MergeArgs {
     /// Write only these pixels of the picture.
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
     pub region: Option<Region>,
-    /// How a .png shows the picture.
+    /// The look of the picture in a .png.
     #[command(flatten)]
     pub look: SpecArgs<LookSpec>,
-    /// How the picture is encoded.
+    /// The encoding of the picture.
     #[command(flatten)]
     pub encoding: SpecArgs<EncodingSpec>,
     /// Write statistics as JSON.

@@ -40,12 +40,12 @@ use std::path::Path;
 #[derive(Debug, Parser)]
 #[command(name = "raystream", version, about, max_term_width = 110)]
 pub struct Cli {
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What to do.
+/// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Render a scene to a picture.

@@ -25,7 +25,7 @@ pub struct RenderArgs {
     /// leaves the picture as it is.
     #[arg(long, conflicts_with_all = ["checkpoint", "frames", "noise", "seconds", "stats", "timeline", "partial"])]
     pub watch: bool,
-    /// What is saved while the picture is rendered.
+    /// Options of saving while the picture is rendered.
     #[command(flatten)]
     pub saving: SaveArgs,
     /// Write exact sums of the samples, from which `raystream merge` makes the picture. A picture is written only with
@@ -53,7 +53,7 @@ pub struct RenderArgs {
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,
-    /// What the command tells of its work.
+    /// Options of the reports that the command makes of its work.
     #[command(flatten)]
     pub reporting: ReportingArgs,
 }

@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use raystream::film::tev::Tev;
 use std::path::PathBuf;
 
-/// How progress is shown.
+/// The form in which progress is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ProgressForm {
     /// A bar if standard error is a terminal, else lines.
@@ -21,10 +21,10 @@ pub enum ProgressForm {
     Openjd,
 }
 
-/// What a command tells of its work.
+/// Options of the reports that a command makes of its work.
 #[derive(Debug, Args)]
 pub struct ReportingArgs {
-    /// How progress is shown.
+    /// Form in which progress is shown.
     #[arg(long, value_enum, value_name = "FORM", default_value_t)]
     pub progress: ProgressForm,
     /// Exit with code 1 if anything failed on the way (a lost GPU, say), even though the result is right.

@@ -5,7 +5,7 @@ use raystream::picture::form::{Form, Seconds};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What is saved while a picture is rendered.
+/// Options of saving while a picture is rendered.
 #[derive(Debug, Args)]
 pub struct SaveArgs {
     /// Write the unfinished picture and the checkpoint at this interval [default: 10 with --checkpoint].

@@ -22,13 +22,13 @@ impl MemoryArgs {
     }
 }
 
-/// How a scene is read.
+/// Options of reading a scene.
 #[derive(Debug, Default, Args)]
 pub struct SceneArgs {
     /// The most memory.
     #[command(flatten)]
     pub memory: MemoryArgs,
-    /// What the scene's files are asked.
+    /// Options of the loaders.
     #[command(flatten)]
     pub spec: SpecArgs<LoadingSpec>,
 }

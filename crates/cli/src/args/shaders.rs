@@ -3,7 +3,7 @@
 use clap::Subcommand;
 use std::path::PathBuf;
 
-/// What `raystream shaders` does.
+/// The subcommands of `raystream shaders`.
 #[derive(Debug, Subcommand)]
 pub enum ShadersCommand {
     /// Check shader files; list their parameters.

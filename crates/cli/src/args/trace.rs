@@ -27,7 +27,7 @@ pub struct TraceArgs {
     /// Exit with code 1 if anything failed on the way (a lost GPU, say), even though the result is right.
     #[arg(long)]
     pub strict: bool,
-    /// How the scene is read.
+    /// Options of reading the scene.
     #[command(flatten)]
     pub loading: SceneArgs,
     /// The units that trace.
@@ -50,7 +50,7 @@ pub struct MeshArgs {
     /// Also write the textures: texture0, … uint32 (height, width), RGBA, one byte each.
     #[arg(long)]
     pub images: bool,
-    /// How the scene is read.
+    /// Options of reading the scene.
     #[command(flatten)]
     pub loading: SceneArgs,
 }

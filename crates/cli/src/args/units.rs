@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 #[cfg(feature = "gpu")]
 use raystream::trace::gpu::Fault;
 
-/// Which units trace rays.
+/// The units that trace rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TracerChoice {
     /// The CPU alone.
@@ -15,7 +15,7 @@ pub enum TracerChoice {
     Hybrid,
 }
 
-/// How tasks are distributed among units and threads.
+/// The policy by which tasks are distributed among units and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PolicyChoice {
     /// Ray Accelerator's rules: camera rays first; every full stream goes to the GPU while it can take one.
@@ -35,11 +35,11 @@ pub enum PolicyChoice {
 /// Options of all commands that trace.
 #[derive(Debug, Args)]
 pub struct UnitArgs {
-    /// Which units trace rays [default: hybrid with --adapter, else cpu].
+    /// Units that trace rays [default: hybrid with --adapter, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
-    /// How tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The result does
-    /// not depend on it.
+    /// Policy by which tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The
+    /// result does not depend on it.
     #[arg(long, value_enum, value_name = "NAME")]
     pub policy: Option<PolicyChoice>,
     /// Use the GPU adapter whose name contains NAME (`raystream info` lists them); a software adapter is

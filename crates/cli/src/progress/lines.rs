@@ -4,7 +4,7 @@ use crate::Outcome;
 use serde::Serialize;
 use std::time::Instant;
 
-/// What a command does.
+/// The stage of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
@@ -16,7 +16,7 @@ pub enum Stage {
     Writing,
 }
 
-/// How far a command is.
+/// The progress of a command.
 #[derive(Clone, Debug)]
 pub struct Now {
     pub stage: Stage,
@@ -89,7 +89,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// Where lines go, and their form.
+/// The destination of lines, and their form.
 pub enum Lines {
     /// On standard error.
     Plain,

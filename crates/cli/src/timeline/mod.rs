@@ -48,7 +48,7 @@ pub struct Timeline {
 /// A number over time.
 #[derive(Clone)]
 pub struct Curve {
-    /// What is measured.
+    /// The name of what is measured.
     pub name: String,
     /// Unit.
     pub unit: &'static str,

@@ -33,7 +33,7 @@ pub fn listen() -> (String, Receiver<Images>) {
     (address, receive)
 }
 
-/// What a viewer has been shown once its client has left.
+/// Waits until a viewer's client has left, and returns the images that the viewer has been shown.
 pub fn wait_for(images: &Receiver<Images>) -> Images {
     images.recv_timeout(Duration::from_secs(120)).expect("a viewer")
 }

@@ -10,7 +10,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// How long a link is down.
+/// The time for which a link is down.
 pub const CUT: Duration = Duration::from_secs(10);
 
 /// Network namespaces, each joined by a link to a bridge of this machine.

@@ -50,7 +50,7 @@ impl Process {
         }
     }
 
-    /// Whether it still runs.
+    /// True if it still runs.
     pub fn is_alive(&mut self) -> bool {
         self.0.try_wait().expect("a child").is_none()
     }

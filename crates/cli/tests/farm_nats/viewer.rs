@@ -22,7 +22,7 @@ impl Frame {
         image::load_from_memory(&self.jpeg).expect("a JPEG").into_rgb8()
     }
 
-    /// Whether its JPEG says where restart markers stand: several machines have made it.
+    /// True if its JPEG defines a restart interval: several machines have made it.
     pub fn is_shared(&self) -> bool {
         self.jpeg.windows(2).any(|pair| pair == [0xff, 0xdd])
     }
@@ -31,7 +31,7 @@ impl Frame {
 pub struct Viewer {
     stream: TcpStream,
     generation: u64,
-    /// What the last statistics say of workers.
+    /// The workers in the last statistics.
     pub workers: Vec<Value>,
 }
 

@@ -52,7 +52,7 @@ pub struct Service {
     agent: Agent,
 }
 
-/// What a request was answered.
+/// The answer to a request.
 pub struct Answer {
     pub status: u16,
     pub headers: Vec<(String, String)>,

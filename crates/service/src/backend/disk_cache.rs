@@ -6,7 +6,7 @@ use std::time::SystemTime;
 /// A file or folder that is kept.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kept {
-    /// When it was last used.
+    /// The time at which it was last used.
     pub used: SystemTime,
     /// Its bytes.
     pub bytes: u64,

@@ -40,7 +40,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Bytes that are kept of what a process says that reads a scene.
 const TOLD: usize = 1 << 16;
 
-/// What all scenes of a process share.
+/// Units, service and policy that all scenes of a process share.
 #[derive(Clone, Debug)]
 pub struct SharedUnits {
     /// The units that trace.

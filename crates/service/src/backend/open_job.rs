@@ -39,7 +39,7 @@ impl OpenJob {
         frames.numbers().map(|number| FrameId::new(number, frames.name(number))).collect()
     }
 
-    /// What a frame is a function of, as a hash. Processes with the same hash make the same patches.
+    /// Returns a hash of all that a frame is a function of. Processes with the same hash make the same patches.
     ///
     /// # Errors
     /// If the job has no such frame.

@@ -17,7 +17,7 @@ impl Bell {
         self.rung.notify_all();
     }
 
-    /// How often it was rung.
+    /// The number of times that it was rung.
     pub fn rings(&self) -> u64 {
         *self.rings.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -13,7 +13,7 @@ use crate::contract::{Answer, Ask, Coordinator, LiveAnswer, LiveAsk, TileServer}
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Why a bus did not do something. It may the next time.
+/// The reason why a bus did not do something. It may the next time.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BusError {

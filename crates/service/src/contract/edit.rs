@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 /// The greatest radiance that an edit may give a surface.
 const MOST_RADIANCE: f32 = 1e4;
 
-/// What changes of a material. Textures stay and multiply the new values.
+/// Changes of a material; `None` leaves a value as it is. Textures stay and multiply the new values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaterialEdit {

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, OnceLock};
 
-/// Where the process ends: `PLACE` or `PLACE:N`, after N passes.
+/// The place where the process ends: `PLACE`, or `PLACE:N` after N passes of it.
 #[derive(Clone, Debug)]
 pub struct Failpoint {
     place: String,

@@ -12,8 +12,8 @@ pub const MOST_SLOTS: u32 = 64;
 /// The most blocks of a unit that a worker renders.
 const MOST_BLOCKS: usize = 1 << 16;
 
-/// What a worker's sums are a rendering of, and they themselves, as a SHA-256. Which copy of a unit it is does not
-/// count, since two copies are compared.
+/// The SHA-256 of what a worker's sums are a rendering of, and of the sums themselves. Which copy of a unit it is does
+/// not count, since two copies are compared.
 pub fn digest(id: &UnitId, blocks: &[u32], samples: &Range<u32>, sums: &[u8]) -> String {
     let UnitId { job, frame, round, pass, number, copy: _ } = id;
     let mut hash = Sha256::new();

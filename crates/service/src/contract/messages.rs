@@ -8,8 +8,9 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What must be the same for two processes to make the same patches. Shaders are parts of scenes, whose fingerprints
-/// are compared for each frame; the binary is not compared, because machines of several kinds render one picture.
+/// The versions that must be the same for two processes to make the same patches. Shaders are parts of scenes, whose
+/// fingerprints are compared for each frame; the binary is not compared, because machines of several kinds render one
+/// picture.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Build(BTreeMap<String, String>);
@@ -40,7 +41,7 @@ impl Build {
     }
 }
 
-/// What a worker is.
+/// The description of a worker, with which it joins.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WorkerInfo {
@@ -54,7 +55,7 @@ pub struct WorkerInfo {
     pub session: u64,
     /// Units that it renders at the same time.
     pub slots: u32,
-    /// What traces there, in words.
+    /// The units that trace there, in words.
     pub units: String,
     /// True if it is asked for tiles of live views.
     pub is_live: bool,
@@ -117,7 +118,7 @@ pub struct Held {
     pub token: String,
 }
 
-/// What a worker tells from time to time. It renews the leases of the units that it names.
+/// The report that a worker sends from time to time. It renews the leases of the units that it names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
@@ -136,7 +137,7 @@ pub struct Report {
 pub struct ReportReply {
     /// Units that it is to stop.
     pub stop: Vec<UnitId>,
-    /// Why it may take no more units.
+    /// The reason why it may take no more units, if so.
     pub refused: Option<String>,
     /// True if the coordinator does not know it: it is to join again.
     pub is_unknown: bool,
@@ -148,7 +149,7 @@ pub struct ReportReply {
 pub struct FinishedUnit {
     /// The unit, and the token that shows that it was given to this worker.
     pub held: Held,
-    /// What the worker's frame is a function of ([`crate::backend::OpenJob::identity`]).
+    /// The hash of all that the worker's frame is a function of ([`crate::backend::OpenJob::identity`]).
     pub identity: String,
     /// The blocks that were rendered.
     pub blocks: Vec<u32>,
@@ -156,16 +157,16 @@ pub struct FinishedUnit {
     pub samples: Range<u32>,
     /// [`super::lease::digest`] of all that.
     pub digest: String,
-    /// How long it took, with opening its scene.
+    /// Seconds that it took, with opening its scene.
     pub seconds: f64,
-    /// How long opening its scene took: fetching and reading it, where it was not there.
+    /// Seconds that opening its scene took: fetching and reading it, where it was not there.
     pub opening_s: f64,
     /// [`raystream::render::Patch::sums`]. They travel beside the rest.
     #[serde(skip)]
     pub sums: Arc<Vec<u8>>,
 }
 
-/// What became of a rendered unit.
+/// The coordinator's answer to a rendered unit.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ResultReply {
     /// It is on the disk and in the ledger.
@@ -188,7 +189,7 @@ pub enum ResultReply {
 pub struct FailureReport {
     /// The unit.
     pub held: Held,
-    /// Why not.
+    /// The reason why it cannot be rendered.
     pub error: String,
 }
 
@@ -204,7 +205,7 @@ pub struct SceneFile {
     pub sha256: String,
 }
 
-/// Where bytes of a file of a scene begin.
+/// The place in a file of a scene from which bytes are asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FilePart {

@@ -4,7 +4,7 @@ use glam::Vec3;
 use raystream::scene::{Aperture, Camera, CameraError, Projection};
 use serde::{Deserialize, Serialize};
 
-/// Where a camera is and what it sees.
+/// The position, direction, field of view and lens of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// Position in world space.

@@ -14,8 +14,8 @@ pub struct LiveScene {
     pub sha256: String,
     /// The scene file in an archive; `None` for the one that is found in it.
     pub entry: Option<String>,
-    /// What its picture is a function of ([`crate::backend::OpenJob::identity`]). A worker that finds another one makes
-    /// other pixels, and refuses.
+    /// The hash of all that its picture is a function of ([`crate::backend::OpenJob::identity`]). A worker that finds
+    /// another one makes other pixels, and refuses.
     pub identity: String,
 }
 
@@ -51,7 +51,7 @@ pub struct TileAsk {
     pub budget_ms: u32,
 }
 
-/// What is asked of a worker.
+/// A question to a worker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum LiveAsk {
     /// Have this scene ready.
@@ -76,7 +76,7 @@ pub struct Tile {
     pub jpeg: Arc<Vec<u8>>,
 }
 
-/// What a worker answers.
+/// A worker's answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum LiveAnswer {
     /// It has the scene.

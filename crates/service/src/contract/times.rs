@@ -8,12 +8,12 @@ pub const PART_BYTES: usize = 512 << 10;
 /// Questions that the coordinator answers at the same time.
 pub const ANSWERED_TOGETHER: usize = 32;
 
-/// How long a worker may be silent about a unit before another one gets it.
+/// The time for which a worker may be silent about a unit before another one gets it.
 pub const LEASE: Duration = Duration::from_secs(15);
 
 /// Reports of a worker within a lease, at least: a lost one is no reason to give its unit to another.
 pub const BEATS: u32 = 3;
 
-/// How often a worker reports, which renews its leases. ReportReply to stop come back with the answer, so a job is cancelled
-/// everywhere within a second.
+/// The time between two reports of a worker, which renew its leases. Orders to stop come back with the answer, so a job
+/// is cancelled everywhere within a second.
 pub const REPORT: Duration = Duration::from_millis(400);

@@ -13,7 +13,7 @@ pub struct UnitId {
     pub job: String,
     /// The frame.
     pub frame: u32,
-    /// How often the frame has begun anew: units of one round have nothing to do with those of another.
+    /// The number of times that the frame has begun anew: units of one round have nothing to do with those of another.
     pub round: u32,
     /// The pass of the frame.
     pub pass: u64,
@@ -43,7 +43,7 @@ pub struct Unit {
     pub entry: Option<String>,
     /// The picture, without the scene.
     pub spec: RenderSpec,
-    /// How urgent it is, by name.
+    /// The name of its priority.
     pub priority: String,
     /// The blocks of the frame.
     pub blocks: Vec<u32>,

@@ -55,7 +55,7 @@ impl UnitWatch {
         self.rays.load(Relaxed)
     }
 
-    /// How long nothing has happened to it.
+    /// Returns the time for which nothing has happened to it.
     pub fn still_for(&self) -> Duration {
         self.moved.lock().expect("no holder panics").elapsed()
     }

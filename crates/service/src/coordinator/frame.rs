@@ -26,7 +26,7 @@ const SUMS: &str = "sums-";
 pub(super) struct OpenFrame {
     pub job: String,
     pub frame: u32,
-    /// How often it has begun anew.
+    /// The number of times that it has begun anew.
     pub round: u32,
     folder: PathBuf,
     /// What its patches must be of.
@@ -75,9 +75,10 @@ pub(super) struct By<'a> {
 /// What is known of the lease of a unit whose sums come.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeasedFor {
-    /// When its worker was told to render it. An earlier process of the coordinator may have told it.
+    /// The time at which its worker was told to render it. `None` if an earlier process of the coordinator may have
+    /// told it.
     pub began: Option<Instant>,
-    /// How often it was leased.
+    /// The number of times that it was leased.
     pub deliveries: u64,
 }
 

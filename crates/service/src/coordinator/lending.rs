@@ -15,19 +15,20 @@ const SWEEP: Duration = Duration::from_millis(250);
 
 /// A unit that workers may have, and who has it.
 pub(super) struct Outstanding {
-    /// Whether it comes before those of jobs that are not interactive, and its place among the others.
+    /// The place in the order in which units are given out: true if the job is not interactive, since such units come
+    /// later; then the place in the order in which they were offered.
     pub order: (bool, u64),
     pub unit: Arc<Unit>,
     pub row: UnitRow,
     pub holders: Vec<Holder>,
-    /// How often it was given to a worker, as far as this process knows.
+    /// The number of times that it was given to a worker, as far as this process knows.
     pub deliveries: u64,
     /// The keys of those that said that they cannot render it, and why.
     pub failed: Vec<(String, String)>,
     /// The keys of those that fell silent or ended while they had it, and how often that has happened.
     pub lost: HashSet<String>,
     pub losses: u32,
-    /// What another worker has made of it.
+    /// The rendering of another worker with which this one is compared, if it is a second one.
     pub compared: Option<Comparison>,
     /// True if this process renders it.
     pub is_home: bool,
@@ -48,7 +49,7 @@ pub(super) struct Comparison {
     pub id: UnitId,
     pub row: UnitRow,
     pub blocks: Vec<u32>,
-    /// Who was first: key, name, and the digest of what it has made.
+    /// The worker that was first: its key, its name, and the digest of its sums.
     pub first: Party,
 }
 

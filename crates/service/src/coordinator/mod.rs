@@ -60,7 +60,7 @@ const UNITS_IN_FLIGHT: u32 = 3;
 /// How long a task rests after the disk or the ledger has refused.
 const NAP: Duration = Duration::from_secs(2);
 
-/// How the units of jobs reach their workers.
+/// The way in which the units of jobs reach their workers.
 #[derive(Clone, Default)]
 pub struct FarmOptions {
     /// The bus to workers on other machines. None: this process renders by itself.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 pub struct OwnScene {
     /// Its file.
     pub path: PathBuf,
-    /// What workers on other machines get of it. Without it, they do not render its views.
+    /// The scene as workers on other machines get it. Without it, they do not render its views.
     pub pack: Option<ScenePack>,
 }
 

@@ -23,7 +23,7 @@ pub struct JobRequest {
     pub spec: RenderSpec,
     /// `interactive`, `normal` or `background`.
     pub priority: Option<String>,
-    /// Who is called when the job ends.
+    /// The address that is called when the job ends.
     pub webhook: Option<Webhook>,
 }
 
@@ -66,7 +66,7 @@ fn of_key<T: DeserializeOwned, E: Error>(all: &mut Map<String, Value>, key: &str
     serde_json::from_value(value).map_err(|error| E::custom(format!("{key}: {error}")))
 }
 
-/// Who is called when a job ends.
+/// The address that is called when a job ends, and the key that signs the call.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Webhook {
@@ -77,7 +77,7 @@ pub struct Webhook {
 }
 
 impl JobRequest {
-    /// How urgent the job is.
+    /// Returns the priority of the job, which is normal unless the request names one.
     ///
     /// # Errors
     /// 422 if the name is none of a priority.

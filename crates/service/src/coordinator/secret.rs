@@ -44,7 +44,7 @@ impl Secret {
         from_hex(text.trim()).map(Self).ok_or_else(wrong)
     }
 
-    /// What shows that the worker of a key was given a unit.
+    /// The token that shows that the worker of a key was given a unit.
     pub fn token(&self, unit: &str, key: &str) -> String {
         hex(&hmac(&self.0, format!("lease of {unit} by {key}").as_bytes())[..TOKEN_BYTES])
     }

@@ -60,7 +60,7 @@ impl TaskKey {
 }
 
 impl Task {
-    /// Which it is.
+    /// The key by which it is known.
     pub fn key(&self) -> TaskKey {
         match self {
             Self::Plan => TaskKey::Plan,

@@ -13,7 +13,7 @@ const TOLD_EVERY: Duration = Duration::from_secs(600);
 /// The name of the gauge: 1 while the data folder cannot be written.
 const GAUGE: &str = "raystream_data_folder_refuses";
 
-/// What the disk or the ledger has refused lately.
+/// The last refusal of the disk or the ledger.
 #[derive(Debug, Default)]
 pub struct Trouble(Mutex<Option<Refusal>>);
 
@@ -49,7 +49,7 @@ impl Trouble {
         }
     }
 
-    /// What was refused lately, if anything was.
+    /// Returns the reason of the last refusal, if it was lately.
     pub fn now(&self) -> Option<String> {
         let state = self.lock();
         state.as_ref().filter(|refusal| refusal.last.elapsed() < LASTS).map(|refusal| refusal.why.clone())

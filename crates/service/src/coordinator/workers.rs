@@ -42,7 +42,7 @@ struct Known {
     gave_back: Option<Instant>,
 }
 
-/// What a worker that asks for a unit is.
+/// The standing of a worker that asks for a unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// It has not joined, or another process of its key has since.
@@ -155,7 +155,7 @@ impl Workers {
         (JoinReply::Joined { lease_ms }, another)
     }
 
-    /// What a worker is.
+    /// Returns the standing of a worker's process.
     pub fn standing(&self, key: &str, session: u64) -> Standing {
         if let Some((_, reason)) = self.quarantined.get(key) {
             return Standing::Refused(reason.clone());
@@ -328,7 +328,7 @@ impl Workers {
         self.known.get(key).map_or(0, |known| known.done)
     }
 
-    /// Why a worker may take no units.
+    /// The reason why a worker may take no units, if it is in quarantine.
     pub fn refusal(&self, key: &str) -> Option<&String> {
         self.quarantined.get(key).map(|(_, reason)| reason)
     }

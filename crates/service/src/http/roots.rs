@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 use ureq::tls::{Certificate, PemItem, RootCerts, TlsConfig, parse_pem};
 
-/// How to encrypt connections: servers are known by the authorities of a PEM file, or else by those of the system's
-/// store. Where the system has none, they are known by those that come with the program.
+/// The configuration of encrypted connections: servers are known by the authorities of a PEM file, or else by those of
+/// the system's store. Where the system has none, they are known by those that come with the program.
 ///
 /// # Errors
 /// If the file cannot be read or holds no certificate.

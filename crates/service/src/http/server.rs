@@ -38,7 +38,7 @@ pub struct Tls {
     pub key: PathBuf,
 }
 
-/// How the service is started.
+/// The options with which the service is started.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The address; port 0 is any free one.
@@ -55,15 +55,15 @@ pub struct Options {
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
     pub names: Vec<String>,
-    /// What one request may ask for.
+    /// The bounds of requests.
     pub limits: Limits,
     /// The scene that the live view shows unless another one is asked for.
     pub scene: Option<OwnScene>,
-    /// How units of jobs reach their workers.
+    /// The way in which units of jobs reach their workers.
     pub farm: FarmOptions,
 }
 
-/// Why the service cannot run.
+/// The reason why the service cannot run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ServeError {

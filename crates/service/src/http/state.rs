@@ -46,17 +46,17 @@ impl State {
         Self(Arc::new(inner))
     }
 
-    /// Who may use the service.
+    /// The check of tokens and cookies.
     pub fn auth(&self) -> &Auth {
         &self.0.auth
     }
 
-    /// What one request may ask for.
+    /// The bounds of requests.
     pub fn limits(&self) -> &Limits {
         &self.0.limits
     }
 
-    /// What checks and renders.
+    /// The backend, which checks and renders.
     pub fn backend(&self) -> &Arc<RenderBackend> {
         &self.0.backend
     }

@@ -1,6 +1,6 @@
 //! What a view decides about frames that several machines render, as functions of what it knows: who gets which rows,
 //! what becomes of a machine whose tile is late. Nothing here knows of threads, clocks or a bus, so the simulator
-//! (`crate::PLAN`) decides with the same code.
+//! (`raystream_bench::plan`) decides with the same code.
 
 use super::strips::STRIP_ROWS;
 use std::ops::Range;
@@ -12,7 +12,7 @@ pub const DEADLINE: Duration = Duration::from_millis(80);
 /// Rows that did not come are rendered and shown at this fraction of width and height.
 pub const COARSE: u32 = 4;
 
-/// How long a worker that refuses, or has missed [`MOST_MISSES`] deadlines in a row, is left alone.
+/// The time for which a worker that refuses, or has missed [`MOST_MISSES`] deadlines in a row, is left alone.
 pub const REST: Duration = Duration::from_secs(5);
 
 /// Deadlines in a row.
@@ -42,7 +42,7 @@ impl Speed {
     }
 }
 
-/// What is known of a machine that renders tiles.
+/// The record of a machine that renders tiles: its speed, and the deadlines that it has missed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Record {
     speed: Speed,
@@ -52,7 +52,7 @@ pub struct Record {
     late_frame: u64,
 }
 
-/// What follows from a late tile.
+/// The consequence of a late tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Late {
     /// Nothing: another tile of the frame was late.
@@ -100,7 +100,7 @@ impl Record {
     }
 }
 
-/// Who renders which rows of a frame.
+/// The division of a frame's rows among the coordinator and machines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Division {
     /// The coordinator's rows, at the top.

@@ -26,7 +26,7 @@ pub(super) struct Shown {
     pub content: Content,
     /// Of the last change that it shows.
     pub generation: u32,
-    /// When that change came.
+    /// The time at which that change came.
     pub since: Instant,
     pub flags: FrameFlags,
     pub spp: u32,
@@ -47,7 +47,7 @@ pub(super) struct SharedPicture {
     pub size: [u32; 2],
     /// The look of all rows, with an exposure in stops.
     pub look: Look,
-    /// What automatic exposure knows of the rows.
+    /// The sums from which automatic exposure of the rows follows.
     pub light: Light,
     pub parts: Vec<Rows>,
 }

@@ -16,11 +16,11 @@ pub(super) struct Inbox {
 /// What was told.
 #[derive(Debug, Default)]
 pub(super) struct News {
-    /// What the client asks.
+    /// The client's requests.
     pub requests: VecDeque<Request>,
-    /// What workers have answered.
+    /// The workers' answers.
     pub arrivals: Vec<Arrival>,
-    /// When a job has ended.
+    /// The time at which a job has ended, if one has.
     pub job_ended: Option<Instant>,
 }
 

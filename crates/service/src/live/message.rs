@@ -6,7 +6,7 @@ pub const MAGIC: [u8; 4] = *b"RSF1";
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 32;
 
-/// What the payload of a frame is.
+/// The kind of a frame's payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Payload {
@@ -18,7 +18,7 @@ pub enum Payload {
     Exr = 6,
 }
 
-/// What a frame is.
+/// Flags of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameFlags {
     /// It was rendered while the camera moved, at a lower resolution.
@@ -39,7 +39,7 @@ pub struct Frame {
     pub generation: u32,
     /// Number of the frame in its view; rises by at least 1.
     pub sequence: u32,
-    /// What it is.
+    /// Its flags.
     pub flags: FrameFlags,
     /// Width and height in pixels of the payload.
     pub size: [u32; 2],

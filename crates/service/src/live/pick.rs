@@ -7,13 +7,13 @@ use raystream::scene::{Camera, Material, Surface};
 use raystream::stream::Ray;
 use serde::Serialize;
 
-/// What a ray through a pixel's centre hits first.
+/// The first hit of a ray through a pixel's centre.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Picked {
     /// Index of the triangle.
     pub primitive: u32,
-    /// Where, in world space.
+    /// The place of the hit in world space.
     pub position: Vec3,
     /// Distance from the eye.
     pub distance: f32,
@@ -33,7 +33,7 @@ pub struct MaterialFacts {
     pub index: u32,
     /// Its name.
     pub name: String,
-    /// What its surface is: `matte`, `mirror`, `dielectric`, `principled`, `shader`, `user code` or `mix`.
+    /// The kind of its surface: `matte`, `mirror`, `dielectric`, `principled`, `shader`, `user code` or `mix`.
     pub kind: &'static str,
     /// Base colour, linear Rec. 709. `None` if it cannot be edited, as roughness and metallic then.
     pub base_colour: Option<Vec3>,

@@ -27,7 +27,7 @@ const TOLERANCE: f64 = 1.2;
 /// follow.
 ///
 /// ```
-/// use raystream::serve::live::Resolution;
+/// use raystream_service::live::Resolution;
 /// use std::time::Duration;
 ///
 /// let mut resolution = Resolution::default();

@@ -75,12 +75,12 @@ impl SharedFrame {
         self.number
     }
 
-    /// Who renders what.
+    /// The division of its rows among the coordinator and workers.
     pub fn split(&self) -> &Split {
         &self.split
     }
 
-    /// When it is to be ready.
+    /// The time at which it is to be ready.
     pub fn deadline(&self) -> Instant {
         self.deadline
     }

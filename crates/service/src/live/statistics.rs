@@ -14,7 +14,7 @@ const MOST_LISTS: usize = 120;
 /// The time over which the frame rate is taken.
 const WINDOW: Duration = Duration::from_secs(1);
 
-/// What a view does.
+/// The state of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -36,7 +36,7 @@ pub struct RaysPerSecond {
     pub gpu: f64,
 }
 
-/// What one of the machines has done that render a view's moving frames.
+/// The share that one of the machines has in a view's moving frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct WorkerShare {
@@ -57,13 +57,13 @@ pub struct WorkerShare {
     pub bytes: u64,
 }
 
-/// How fast a view is.
+/// The state and the speed of a view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Statistics {
     /// The generation of the last frame.
     pub generation: u32,
-    /// What the view does.
+    /// The state of the view.
     pub state: State,
     /// Moving frames of the last second; 0 while the camera rests.
     pub frames_per_second: f64,
@@ -81,11 +81,11 @@ pub struct Statistics {
     pub policy: &'static str,
     /// Splats that were dropped.
     pub dropped_splats: u64,
-    /// Who renders moving frames, the coordinator first. Empty without workers on other machines.
+    /// The machines that render moving frames, the coordinator first. Empty without workers on other machines.
     pub workers: Vec<WorkerShare>,
 }
 
-/// How many streams were in each list, and how many paths in flight.
+/// The number of streams in each list, and of paths in flight, at a time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Lists {
     /// Microseconds since the frame began.
@@ -102,7 +102,7 @@ pub struct Lists {
     pub in_flight: u32,
 }
 
-/// What the threads did during a frame or a pass.
+/// The tasks of the threads and the lists of streams during a frame or a pass.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct Timeline {

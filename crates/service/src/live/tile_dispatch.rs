@@ -260,7 +260,7 @@ impl TileDispatch {
         self.own = (1e3 * seconds, rows);
     }
 
-    /// Who did what, this process first.
+    /// The shares of the machines, this process first.
     pub fn shares(&self) -> Vec<WorkerShare> {
         let own = WorkerShare {
             name: "coordinator".into(),

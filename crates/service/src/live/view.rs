@@ -16,7 +16,7 @@ use std::io;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-/// What a view shows at first.
+/// The scene and the settings that a view shows at first.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ViewScene {
@@ -30,7 +30,7 @@ pub struct ViewScene {
     pub camera: Camera,
     /// Size, samples and bounces of the full picture.
     pub settings: Settings,
-    /// How radiance is shown.
+    /// The look of radiance: how a picture shows it.
     pub look: Look,
     /// Another viewer that shows the picture while the camera rests.
     pub(crate) viewer: Option<Arc<Tev>>,
@@ -89,7 +89,7 @@ impl ViewScene {
 /// use raystream::render::Settings;
 /// use raystream::scene::recipe::Recipe;
 /// use raystream::schedule::{Service, ServiceOptions};
-/// use raystream::serve::live::{LiveView, ViewScene};
+/// use raystream_service::live::{LiveView, ViewScene};
 /// use std::sync::{Arc, mpsc};
 ///
 /// let recipe = Recipe::parse(r#"{ "environment": [1, 1, 1], "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },

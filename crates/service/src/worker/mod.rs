@@ -47,26 +47,26 @@ const HOARD: Duration = Duration::from_secs(3600);
 /// Scenes that are kept ready, with their options.
 const READY: usize = 8;
 
-/// What a worker is started with.
+/// The options with which a worker is started.
 #[derive(Clone, Debug)]
 pub struct WorkerOptions {
     /// Its name: no other worker's.
     pub name: String,
     /// Its machine.
     pub host: String,
-    /// What traces, in words.
+    /// The units that trace, in words.
     pub units: String,
     /// Units that it renders at the same time: while the last paths of one end, others keep the threads busy.
     pub slots: u32,
-    /// How long it waits for a unit before it leaves; `None` for ever.
+    /// The time for which it waits for a unit before it leaves; `None` for ever.
     pub idle: Option<Duration>,
     /// True if it renders tiles of live views, too.
     pub is_live: bool,
-    /// What it does wrong, for tests.
+    /// A fault that it commits on purpose, for tests.
     pub mischief: Option<Mischief>,
 }
 
-/// What a worker of tests does wrong.
+/// A fault that a worker of tests commits on purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mischief {
     /// It changes a byte of the sums.

@@ -29,7 +29,7 @@ const MOST_FILES: usize = 100_000;
 /// Scenes that are remembered as compared. One that was forgotten is compared again.
 const COMPARED: u64 = 4096;
 
-/// Why there is no scene.
+/// The reason why there is no scene.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum NoScene {
     /// It may come the next time.
@@ -52,7 +52,7 @@ impl From<io::Error> for NoScene {
     }
 }
 
-/// Where scenes are.
+/// A source of scenes for a worker.
 pub trait SceneSource: Send + Sync {
     /// The scene file and the folder of a scene.
     ///

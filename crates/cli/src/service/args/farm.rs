@@ -7,7 +7,7 @@ use raystream_service::contract::Failpoint;
 use raystream_service::worker::Mischief;
 use std::path::PathBuf;
 
-/// Where the NATS server is.
+/// Options of the connection to a NATS server.
 #[derive(Debug, Args)]
 pub struct NatsArgs {
     /// File with the seed of this process's key (nkey), or a folder of such files: the first one that no other process

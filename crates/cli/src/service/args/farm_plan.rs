@@ -45,7 +45,7 @@ pub struct FarmPlanArgs {
     /// Number of pictures, instead of the job's.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: Option<u32>,
-    /// What things cost, as --json shows it; fields that are not there have their defaults.
+    /// Costs, as --json shows them; fields that are not there have their defaults.
     #[arg(long, value_name = "FILE.json")]
     pub costs: Option<PathBuf>,
     /// One of these costs. Repeatable.

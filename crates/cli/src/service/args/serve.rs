@@ -93,7 +93,7 @@ pub struct ViewArgs {
     pub service: ServeArgs,
 }
 
-/// Where the service is.
+/// Options of commands that talk to the service.
 #[derive(Clone, Debug, Args)]
 pub struct ClientArgs {
     /// Address of the service.
@@ -119,7 +119,7 @@ pub struct SubmitArgs {
     /// Name of the request: a second one of the same name gets the job of the first.
     #[arg(long, value_name = "KEY")]
     pub idempotency_key: Option<String>,
-    /// How urgent the job is: interactive, normal or background.
+    /// Priority of the job: interactive, normal or background.
     #[arg(long, value_name = "NAME", default_value = "normal")]
     pub priority: String,
     /// Scene file. Files that it names must lie in its folder.
@@ -243,7 +243,7 @@ pub struct CheckSceneArgs {
     /// File to write the loaded scene to.
     #[arg(long, value_name = "FILE")]
     pub flat: Option<PathBuf>,
-    /// How it is read.
+    /// Options of reading it.
     #[command(flatten)]
     pub loading: SceneArgs,
     /// Light besides its own.

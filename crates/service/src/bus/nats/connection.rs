@@ -21,7 +21,7 @@ pub(super) const TIMEOUT: Duration = Duration::from_secs(2);
 /// accounts and permissions (CVE-2023-47090, CVE-2025-30215, CVE-2026-33222; advisory 2026-18 is the newest).
 const SAFE: [(u32, u32, u32); 2] = [(2, 11, 16), (2, 12, 7)];
 
-/// How to connect to a server.
+/// Options of a connection to a server.
 #[derive(Clone, Debug)]
 pub struct NatsOptions {
     /// `nats://HOST:PORT`, or `tls://HOST:PORT`.
@@ -32,13 +32,13 @@ pub struct NatsOptions {
     pub ca: Option<PathBuf>,
     /// True if a server of another machine is allowed without encryption and keys.
     pub insecure: bool,
-    /// What the names of subjects begin with: one for each coordinator of a server.
+    /// The beginning of the names of subjects: one for each coordinator of a server.
     pub prefix: String,
-    /// How long a worker may be silent about a unit before another one gets it.
+    /// The time for which a worker may be silent about a unit before another one gets it.
     pub lease: Duration,
 }
 
-/// Why a server cannot be used.
+/// The reason why a server cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NatsError {

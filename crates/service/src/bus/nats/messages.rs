@@ -13,7 +13,7 @@ pub(super) const MOST_BYTES: usize = 1 << 20;
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Question {
     pub ask: Ask,
-    /// Where the bytes beside it begin, and how many there are in all.
+    /// The place where the bytes beside it begin, and the number of all bytes.
     pub part: Option<(u64, u64)>,
 }
 

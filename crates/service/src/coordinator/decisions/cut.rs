@@ -30,7 +30,7 @@ const MOST_BLOCKS: u32 = 2048;
 /// Pixels of a block.
 pub const BLOCK_PIXELS: f64 = (BLOCK * BLOCK) as f64;
 
-/// How large units are.
+/// The size of units.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sizes {
     /// Pixels × samples of a unit, instead of a duration.
@@ -44,8 +44,8 @@ pub struct Sizes {
     pub is_local: bool,
 }
 
-/// What is known about the speed of a job's units: of those that ended last, each by the time it took, so that a few
-/// short ones say little.
+/// The speed of a job's units, as far as it is known: that of those that ended last, each by the time it took, so that
+/// a few short ones say little.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Speed {
     samples: f64,

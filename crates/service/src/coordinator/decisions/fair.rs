@@ -5,7 +5,7 @@ use raystream::schedule::Priority;
 /// A job that has work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// How urgent it is.
+    /// Its priority.
     pub priority: Priority,
     /// Samples that it has been given since it entered.
     pub given: u64,
@@ -42,8 +42,8 @@ fn order(candidates: &[Candidate]) -> Vec<usize> {
     order
 }
 
-/// What a job that enters counts as given: as much as the job that has least, so that it does not
-/// overtake jobs that waited.
+/// Samples that a job counts as given when it enters: as many as the job that has least, so that it does not overtake
+/// jobs that waited.
 pub fn entry(others: impl IntoIterator<Item = u64>) -> u64 {
     others.into_iter().min().unwrap_or(0)
 }

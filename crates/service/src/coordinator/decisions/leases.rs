@@ -19,21 +19,21 @@ const MOST_HOLDERS: usize = 2;
 const SPARE_SHARE: u32 = 5;
 const SPARE_LEAST: Duration = Duration::from_secs(2);
 
-/// Who has a unit.
+/// A worker that has a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Holding {
     /// True if it is the worker that asks.
     pub is_asker: bool,
-    /// How long the holder was not heard of.
+    /// The time for which the holder was not heard of.
     pub silent: Duration,
-    /// How long it has had the unit.
+    /// The time for which it has had the unit.
     pub held: Duration,
 }
 
-/// What is known of a unit when a worker asks for one.
+/// Facts about a unit for which a worker asks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Asked<'a> {
-    /// Who has it.
+    /// The workers that have it.
     pub holdings: &'a [Holding],
     /// True if the worker's own sums of it are to be compared with another's.
     pub is_own: bool,
@@ -41,7 +41,7 @@ pub struct Asked<'a> {
     pub has_failed: bool,
 }
 
-/// Whether a worker gets a unit, the better ones first.
+/// The decision whether a worker gets a unit, the better ones first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Taking {
     /// No one has it.
@@ -54,7 +54,7 @@ pub enum Taking {
     No,
 }
 
-/// Whether a worker gets a unit. A holder that is silent for `silence` counts as gone.
+/// Decides whether a worker gets a unit. A holder that is silent for `silence` counts as gone.
 pub fn taking(asked: &Asked<'_>, silence: Duration, lease: Duration) -> Taking {
     let is_gone = |holding: &Holding| holding.silent >= silence;
     let spare = (lease / SPARE_SHARE).max(SPARE_LEAST);
@@ -76,8 +76,8 @@ pub fn is_compared(drawn: f64, share: f64, brought: u64) -> bool {
     share > 0.0 && (drawn <= share || brought < FIRST_COMPARED)
 }
 
-/// Whether a worker that has had units for this long, and has returned nothing meanwhile, gets no more; or one that has
-/// lost or given back so many in a row.
+/// True if a worker gets no more units: it has had some for too long (`owes`) and has returned nothing meanwhile, or it
+/// has lost or given back too many in a row.
 pub fn is_fruitless(owes: Option<Duration>, in_a_row: u32, lease: Duration) -> bool {
     owes.is_some_and(|owes| owes > MOST_FRUITLESS * lease) || in_a_row >= MOST_FRUITLESS
 }

@@ -1,6 +1,6 @@
 //! What the coordinator decides, as functions of what it knows: how units are cut, which are offered, who renders them,
 //! when sums are written into one file. Nothing here knows of threads, clocks, files or a bus, so the simulator
-//! (`crate::PLAN`) decides with the same code.
+//! (`raystream_bench::plan`) decides with the same code.
 
 mod cut;
 mod fair;
@@ -19,11 +19,11 @@ pub use pass_units::PassUnits;
 
 use std::time::Duration;
 
-/// How long the planner rests if it is not woken.
+/// The time for which the planner rests if it is not woken.
 pub const PLANNER_PAUSE: Duration = Duration::from_millis(250);
 
 /// Threads for what is no unit: plans, pictures, frames whose samples the time decides.
 pub const TASK_THREADS: usize = 4;
 
-/// How many workers try a unit before its job fails.
+/// The number of workers that try a unit before its job fails.
 pub const MOST_ATTEMPTS: u32 = 5;

@@ -12,7 +12,7 @@ const WITHOUT_WORKERS: usize = 4;
 /// Frames of a job that are opened at the same time.
 const OPENING: usize = 2;
 
-/// How many units are to be outstanding for so many slots.
+/// The number of units that are to be outstanding for so many slots.
 pub fn wanted(slots: usize) -> usize {
     match slots {
         0 => WITHOUT_WORKERS,
@@ -20,13 +20,14 @@ pub fn wanted(slots: usize) -> usize {
     }
 }
 
-/// Whether another frame of a job is to be opened, which has `open` frames and opens `opening` more: if it has none, or
-/// those of all jobs (`all`, open or being opened) have too few units.
+/// True if another frame is to be opened of a job that has `open` frames and opens `opening` more: it has none, or
+/// those of all jobs (`all`, open or being opened) have too few units. False if too many are open or being opened
+/// already.
 pub fn wants_frame(open: usize, opening: usize, all: usize, is_short: bool) -> bool {
     (open + opening == 0 || is_short) && opening < OPENING && (open == 0 || all < OPEN_FRAMES)
 }
 
-/// How many units of each of so many open frames are rendered at the same time at the end of the last ones, for
+/// Units of each of so many open frames that are rendered at the same time at the end of the last ones, for
 /// [`super::Sizes`]. 0 if there are `more` frames to be opened.
 pub fn at_once(slots: usize, open: usize, more: bool) -> usize {
     if more { 0 } else { slots.div_ceil(open.max(1)) }

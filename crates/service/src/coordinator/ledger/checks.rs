@@ -88,7 +88,7 @@ impl Ledger {
         })
     }
 
-    /// Which share of a job was compared, and whose wrong sums its pictures may hold.
+    /// Returns how many units of a job were compared, and whose wrong sums its pictures may hold.
     ///
     /// # Errors
     /// If the ledger cannot be used.

@@ -6,7 +6,7 @@ use raystream::schedule::Priority;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde_json::{Value, json};
 
-/// What became of a job that was to be accepted.
+/// The answer to a job that was to be accepted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Accepted {
     /// It is in the ledger.
@@ -179,7 +179,7 @@ impl Ledger {
         })
     }
 
-    /// How much of a job is done.
+    /// Returns how much of a job is done.
     ///
     /// # Errors
     /// If the ledger cannot be used.

@@ -37,7 +37,7 @@ const BATCH: usize = 256;
 /// Connections for reading that are kept open.
 const READERS: usize = 4;
 
-/// Why the ledger cannot be used.
+/// The reason why the ledger cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LedgerError {
     /// The database refuses, perhaps because the disk is full.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// What a job does.
+/// The state of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JobState {
@@ -72,21 +72,21 @@ pub struct Job {
     pub seq: i64,
     /// Its name in requests.
     pub id: String,
-    /// What it does.
+    /// Its state.
     pub state: JobState,
     /// The request, as JSON.
     pub request: String,
-    /// What it asks for.
+    /// Its cost: pixels, samples and frames.
     pub demand: JobCost,
     /// The SHA-256 of its scene.
     pub scene: String,
-    /// How urgent it is.
+    /// Its priority.
     pub priority: Priority,
     /// Milliseconds since 1970.
     pub created_ms: i64,
     /// Milliseconds since 1970.
     pub ended_ms: Option<i64>,
-    /// Why it failed.
+    /// The reason why it failed.
     pub error: Option<String>,
     /// True if its frames and units are known.
     pub is_planned: bool,
@@ -135,11 +135,11 @@ pub struct NewJob {
     pub request: String,
     /// The SHA-256 of what its pictures depend on.
     pub request_hash: String,
-    /// What it asks for.
+    /// Its cost: pixels, samples and frames.
     pub demand: JobCost,
     /// The SHA-256 of its scene.
     pub scene: String,
-    /// How urgent it is.
+    /// Its priority.
     pub priority: Priority,
     /// The client's name of the request, if it gives one.
     pub idempotency_key: Option<String>,
@@ -156,7 +156,7 @@ pub struct Event {
     pub job: String,
     /// Milliseconds since 1970.
     pub time_ms: i64,
-    /// What happened.
+    /// The kind of event.
     pub kind: String,
     /// More about it, as JSON.
     pub data: String,
@@ -177,7 +177,7 @@ pub struct FrameRow {
     pub metadata: Option<String>,
 }
 
-/// What has become of a unit.
+/// The state of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum UnitState {
     /// It is to be rendered.
@@ -205,9 +205,9 @@ pub struct UnitRow {
     pub first: u32,
     /// The sample after its last.
     pub end: u32,
-    /// What has become of it.
+    /// Its state.
     pub state: UnitState,
-    /// Who has rendered it.
+    /// The key of the worker that has rendered it.
     pub worker: Option<String>,
     /// The SHA-256 of its sums.
     pub digest: Option<String>,
@@ -274,7 +274,7 @@ impl Pending {
     }
 }
 
-/// How far a job's workers were checked.
+/// The checks of a job's workers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checks {
     /// Units whose sums two workers have made.
@@ -285,16 +285,16 @@ pub struct Checks {
     pub suspects: Vec<String>,
 }
 
-/// How a unit was rendered, as the coordinator saw it.
+/// The rendering of a unit, as the coordinator saw it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Rendering {
-    /// When its worker was told to render it, in milliseconds since 1970.
+    /// The time at which its worker was told to render it, in milliseconds since 1970.
     pub began_ms: f64,
-    /// When its sums had come, in milliseconds since 1970.
+    /// The time at which its sums had come, in milliseconds since 1970.
     pub came_ms: f64,
-    /// How long its worker rendered it, with opening its scene.
+    /// Seconds that its worker took, with opening its scene.
     pub seconds: f64,
-    /// How long opening the scene took.
+    /// Seconds that opening the scene took.
     pub opening_s: f64,
     /// Its blocks.
     pub blocks: u32,
@@ -302,11 +302,11 @@ pub struct Rendering {
     pub samples: u64,
     /// Bytes of its sums.
     pub bytes: u64,
-    /// How often it was leased.
+    /// The number of times that it was leased.
     pub deliveries: u64,
 }
 
-/// How much of a job is done.
+/// The part of a job that is done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Totals {
     /// Frames in all.

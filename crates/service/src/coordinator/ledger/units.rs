@@ -44,8 +44,8 @@ impl Ledger {
         })
     }
 
-    /// How often the frame has begun anew, the number of its file of sums, 0 if it has none, and the units whose rows
-    /// are there.
+    /// Returns the number of times that the frame has begun anew, the number of its file of sums, 0 if it has none, and
+    /// the units whose rows are there.
     ///
     /// # Errors
     /// If the ledger cannot be used.

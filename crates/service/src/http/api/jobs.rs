@@ -174,7 +174,7 @@ fn answer(state: &State, id: &str, status: StatusCode) -> Result<Response, Probl
     Ok((status, [(header::LOCATION, location)], body).into_response())
 }
 
-/// What a list is asked for.
+/// The query of a list of jobs: their state, and the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ListQuery {

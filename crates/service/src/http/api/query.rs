@@ -17,7 +17,7 @@ use std::fmt::Display;
 use std::io::{self, Cursor};
 use std::sync::Arc;
 
-/// What rays are asked of.
+/// The scene that rays are asked of, and the kind of hit.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RayQuery {

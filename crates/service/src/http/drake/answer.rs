@@ -32,7 +32,7 @@ pub enum Wanted {
 type Encoded = (&'static str, Vec<u8>);
 
 impl Wanted {
-    /// What a form asks for. Depth is TIFF, unless the client accepts PNG and no TIFF.
+    /// The picture that a form asks for. Depth is TIFF, unless the client accepts PNG and no TIFF.
     pub fn new(form: &Form, headers: &HeaderMap) -> Self {
         let accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
         let accepted: Vec<&str> = accepted.flat_map(|value| value.split(',')).map(name).collect();

@@ -15,7 +15,7 @@ use std::str::FromStr;
 /// The most bytes of a field that is text.
 const TEXT_BYTES: u64 = 4096;
 
-/// What kind of picture is wanted.
+/// The kind of picture that is wanted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ImageType {
     /// Light.
