@@ -1,8 +1,8 @@
 //! Live views: each moving frame is divided into rows, which the coordinator and machines render at the same time.
 //!
 //! Who gets which rows, what becomes of a late tile and how large frames are is decided by the code of the view
-//! ([`raystream_service::live`]). One frame is under way at a time. Its size follows from the time of those before it, so
-//! more machines give sharper frames first, and more frames a second once they are as sharp as can be.
+//! ([`raystream_service::live`]). One frame is under way at a time. Its size follows from the time of those before it,
+//! so more machines give sharper frames first, and more frames a second once they are as sharp as can be.
 
 use super::clock::{Clock, Time, seconds};
 use super::costs::{Costs, Farm, LiveJob};

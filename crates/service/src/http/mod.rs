@@ -10,6 +10,8 @@ mod openapi;
 pub mod page;
 mod problem;
 pub mod roots;
+mod route;
+mod routes;
 mod server;
 mod state;
 mod webhook;

@@ -3,7 +3,7 @@
 use super::auth::Auth;
 use super::connections::{Admission, Connections, room_for};
 use super::state::{Inner, State};
-use super::{api, roots, webhook};
+use super::{roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
@@ -198,7 +198,7 @@ async fn serve(
         stopper.graceful_shutdown(Some(GRACE));
     });
     let (head_time, admission) = (state.limits().head_time, Admission(Arc::clone(state.connections())));
-    let app = api::router(state).into_make_service_with_connect_info::<SocketAddr>();
+    let app = routes::router(state).into_make_service_with_connect_info::<SocketAddr>();
     let acceptor = match tls {
         None => None,
         Some(Tls { certificate, key }) => {

@@ -7,8 +7,8 @@
 //! second would never show one.
 //!
 //! # Who renders it
-//! Workers on other machines, where there are some, render rows of moving frames ([`TileDispatch`]). The full picture is this
-//! process's own.
+//! Workers on other machines, where there are some, render rows of moving frames ([`TileDispatch`]). The full picture
+//! is this process's own.
 
 mod sharing;
 

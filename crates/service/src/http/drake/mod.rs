@@ -7,18 +7,15 @@ mod form;
 use crate::contract::Problem;
 use crate::contract::refused;
 use crate::coordinator::store::Passing;
-use crate::http::api::check_demand;
-use crate::http::guard;
+use crate::http::api::jobs::check_demand;
 use crate::http::state::State;
 use answer::Wanted;
-use axum::Router;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Extension, Query, State as Given};
 use axum::http::{HeaderMap, StatusCode, header};
-use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
-use axum::routing::post;
+use axum::routing::{MethodRouter, post};
 use form::{Form, ImageType};
 use raystream::picture::{RenderSpec, Watch};
 use raystream::schedule::Priority;
@@ -58,11 +55,10 @@ struct Bounds {
     rendered: Semaphore,
 }
 
-/// Drake's route.
-pub fn router(state: &State) -> Router<State> {
+/// The handler of Drake's route.
+pub fn handler() -> MethodRouter<State> {
     let bounds = Bounds { accepted: Semaphore::new(ACCEPTED), rendered: Semaphore::new(RENDERED) };
-    let render = Router::new().route("/render", post(render)).layer(Extension(Arc::new(bounds)));
-    render.layer(from_fn_with_state(state.clone(), guard::drake))
+    post(render).layer(Extension(Arc::new(bounds)))
 }
 
 /// `POST /render`.

@@ -5,20 +5,18 @@ mod socket;
 use crate::contract::{LiveScene, Problem};
 use crate::http::state::State;
 use crate::live::{LiveLimits, LiveViews, TileWorkers, ViewScene};
-use axum::Router;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::{Extension, Query, State as Given, WebSocketUpgrade};
 use axum::response::Response;
-use axum::routing::get;
+use axum::routing::{MethodRouter, get};
 use raystream::picture::RenderSpec;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Routes of the live view, behind the token.
-pub fn router() -> Router<State> {
-    let views = Arc::new(LiveViews::new(LiveLimits::default()));
-    Router::new().route("/api/v1/live", get(live)).layer(Extension(views))
+/// The handler of live views.
+pub fn handler() -> MethodRouter<State> {
+    get(live).layer(Extension(Arc::new(LiveViews::new(LiveLimits::default()))))
 }
 
 #[derive(Debug, Deserialize)]

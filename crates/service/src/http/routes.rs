@@ -1,0 +1,126 @@
+//! All routes: the router and the OpenAPI document are made from this list.
+
+use super::api::{events, health, jobs, query, results, scenes, session, timeline};
+use super::route::{ANY, Access, Body, Route};
+use super::state::State;
+use super::{drake, guard, live, openapi, page};
+use crate::contract::Problem;
+use axum::Router;
+use axum::extract::Request;
+use axum::http::StatusCode;
+use axum::middleware::from_fn_with_state;
+
+const TEXT: &[&str] = &["text/plain"];
+const EVENTS: &[&str] = &["text/event-stream"];
+const PICTURES: &[&str] = &["image/png", "image/x-exr", "application/zip", ANY];
+
+/// The routes, each with its handler and its description.
+pub fn all() -> Vec<Route> {
+    open().into_iter().chain(of_jobs()).chain(of_farms()).chain(of_scenes()).collect()
+}
+
+fn open() -> [Route; 5] {
+    [
+        Route::get("/healthz", "Whether the process answers", health::healthz).media(TEXT),
+        Route::get("/readyz", "Whether the service can work", health::readyz).media(TEXT),
+        Route::get("/openapi.json", "This document", openapi::document),
+        Route::post("/api/v1/session", "Token in, cookie out", session::create)
+            .codes(&[204])
+            .body(Body::Json("Login")),
+        Route::delete("/api/v1/session", "Forget the cookie", session::remove).codes(&[204]),
+    ]
+    .map(|route| route.access(Access::Open))
+}
+
+fn of_jobs() -> [Route; 12] {
+    [
+        Route::get("/api/v1/jobs", "Jobs, the latest first", jobs::list).query(&[
+            ("state", "string", false),
+            ("cursor", "integer", false),
+            ("limit", "integer", false),
+        ]),
+        Route::post("/api/v1/jobs", "Submit a job", jobs::submit)
+            .codes(&[200, 202])
+            .body(Body::Json("JobRequest")),
+        Route::get("/api/v1/jobs/{id}", "A job and its pictures", jobs::status).answer("Job"),
+        Route::post("/api/v1/jobs/{id}/cancel", "Abandon a job", jobs::cancel).answer("Steered"),
+        Route::post("/api/v1/jobs/{id}/pause", "Let a job wait", jobs::pause).answer("Steered"),
+        Route::post("/api/v1/jobs/{id}/resume", "Go on with a paused job", jobs::resume).answer("Steered"),
+        Route::post("/api/v1/jobs/{id}/retry", "Go on with a failed or cancelled job", jobs::retry)
+            .answer("Steered"),
+        Route::post("/api/v1/jobs/{id}/priority", "Change the priority", jobs::priority)
+            .answer("Steered")
+            .body(Body::Json("Priority")),
+        Route::get("/api/v1/jobs/{id}/events", "Events of a job as they happen", events::of_job)
+            .media(EVENTS),
+        Route::get(
+            "/api/v1/jobs/{id}/timeline",
+            "Who rendered which unit when, as a Chrome trace",
+            timeline::of_job,
+        ),
+        Route::get("/api/v1/jobs/{id}/frames/{file}", "FRAME.png, .exr, .npz or .npy", results::picture)
+            .codes(&[200, 304])
+            .media(PICTURES)
+            .query(&[("view", "string", false), ("exposure", "string", false)]),
+        Route::get("/api/v1/jobs/{id}/frames/{frame}/{file}", "LAYER.npy of a frame", results::layer)
+            .codes(&[200, 304])
+            .media(&[ANY]),
+    ]
+}
+
+fn of_farms() -> [Route; 4] {
+    [
+        Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers),
+        Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust),
+        Route::get("/api/v1/events", "Events of all jobs as they happen", events::of_all).media(EVENTS),
+        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT),
+    ]
+}
+
+fn of_scenes() -> [Route; 5] {
+    [
+        Route::get("/api/v1/scenes/{sha256}", "Whether a scene is here", scenes::about).answer("Scene"),
+        Route::put("/api/v1/scenes/{sha256}", "Upload a GLB, or a zip of files", scenes::upload)
+            .codes(&[200, 201])
+            .answer("Scene")
+            .body(Body::Bytes),
+        Route::post("/api/v1/query", "Rays in (.npy), hits out (.npz)", query::query)
+            .media(&["application/zip"])
+            .body(Body::Bytes)
+            .query(&[("scene", "string", true), ("entry", "string", false), ("any_hit", "boolean", false)]),
+        Route::new("get", "/api/v1/live", "A live view on a WebSocket", live::handler())
+            .codes(&[101])
+            .query(&[("scene", "string", false)]),
+        Route::new("post", "/render", "A picture of Drake's glTF scene", drake::handler())
+            .access(Access::Drake)
+            .media(&["image/png", "image/tiff"])
+            .body(Body::Form("RenderForm")),
+    ]
+}
+
+/// The router of all routes, and of the page's files.
+pub fn router(state: State) -> Router {
+    let of = |access: Access| {
+        let routes = all().into_iter().filter(|route| route.access == access);
+        routes.fold(Router::new(), |router, route| router.route(route.path, route.handler))
+    };
+    let guarded = of(Access::Token).layer(from_fn_with_state(state.clone(), guard::token));
+    let drake = of(Access::Drake).layer(from_fn_with_state(state.clone(), guard::drake));
+    of(Access::Open)
+        .merge(page::router())
+        .merge(guarded)
+        .merge(drake)
+        .fallback(no_such_route)
+        .method_not_allowed_fallback(no_such_method)
+        .layer(from_fn_with_state(state.clone(), guard::origin))
+        .with_state(state)
+}
+
+async fn no_such_route(request: Request) -> Problem {
+    Problem::missing(format!("{:?}; /openapi.json lists what there is", request.uri().path()))
+}
+
+async fn no_such_method(request: Request) -> Problem {
+    let detail = format!("{} is not allowed here; /openapi.json lists what is", request.method());
+    Problem::new(StatusCode::METHOD_NOT_ALLOWED, detail)
+}
