@@ -89,38 +89,29 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+pub use raystream_rays::{bvh, geom, lanes, profile, query, stream};
 pub use {bytemuck, glam};
 
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;
-pub mod lanes;
 #[cfg(feature = "render")]
 pub mod memory;
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod numpy;
-pub mod profile;
 #[cfg(feature = "render")]
 mod sync;
 
-pub mod geom;
 #[cfg(feature = "wgsl")]
 pub mod program;
 #[cfg(feature = "render")]
 pub mod scene;
 
-#[cfg_attr(not(feature = "unstable"), doc(hidden))]
-pub mod bvh;
-pub mod stream;
-
 #[cfg(feature = "render")]
 pub mod schedule;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod trace;
-
-#[cfg(feature = "query")]
-pub mod query;
 
 #[cfg(feature = "gpu")]
 mod device;

@@ -8,6 +8,8 @@ use super::tree::{Tree, folder_of};
 use std::collections::BTreeSet;
 
 const MAP: &str = "src/ARCHITECTURE.md";
+/// The member whose modules the engine has as its own.
+const RAYS: &str = "rays";
 
 /// What is named only in these files and folders: patterns of code, what they are, where they belong.
 const CONFINED: &[(&str, &str, &[&str])] = &[
@@ -18,7 +20,11 @@ const CONFINED: &[(&str, &str, &[&str])] = &[
     ),
     (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/device/", "src/program/", "src/trace/gpu/"]),
     (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["crates/cli/src/"]),
-    (r"\b(print|println|eprint|eprintln|dbg)!", "printing", &["crates/cli/src/", "src/profile.rs"]),
+    (
+        r"\b(print|println|eprint|eprintln|dbg)!",
+        "printing",
+        &["crates/cli/src/", "crates/rays/src/profile.rs"],
+    ),
     (r"\bprocess\s*::\s*(exit|abort)\b", "ending the process", &["crates/cli/src/"]),
 ];
 
@@ -92,8 +98,11 @@ fn module_of(path: &str) -> Vec<String> {
     let inner = path.trim_start_matches("crates/").trim_start_matches("src/").trim_end_matches(".rs");
     let mut parts: Vec<String> = inner.split('/').map(str::to_string).collect();
     if path.starts_with("crates/") {
-        // A member of the workspace is a module of its own, whose files lie in `src`.
+        // A member of the workspace is a module of its own, whose files lie in `src`; the engine has those of the rays.
         parts.remove(1);
+        if parts[0] == RAYS {
+            parts.remove(0);
+        }
     }
     if matches!(parts.last().map(String::as_str), Some("mod" | "lib" | "main")) {
         parts.pop();
@@ -148,8 +157,11 @@ fn imports(code: &str, module: &[String], package: Option<&str>) -> Vec<Import> 
             let ups = path.iter().take_while(|part| *part == "super").count();
             let first = path.first().map_or("", String::as_str);
             let (base, rest) = match (first, first.strip_prefix("raystream")) {
-                ("crate", _) => (package.map(str::to_owned).into_iter().collect(), &path[1..]),
-                (_, Some("")) => (Vec::new(), &path[1..]),
+                ("crate", _) => (
+                    package.filter(|package| *package != RAYS).map(str::to_owned).into_iter().collect(),
+                    &path[1..],
+                ),
+                (_, Some("" | "_rays")) => (Vec::new(), &path[1..]),
                 (_, Some(other)) => (vec![other.trim_start_matches('_').to_owned()], &path[1..]),
                 _ => (here[..here.len().saturating_sub(ups)].to_vec(), &path[ups..]),
             };

@@ -43,6 +43,10 @@ fn dead_link(tree: &Tree, page: &str, target: &str) -> Option<String> {
     (!found).then(|| format!("`{path}` has no heading `#{anchor}`"))
 }
 
+/// The places at which a path may begin.
+const ROOTS: [&str; 6] =
+    ["", "src/", "crates/rays/src/", "crates/service/src/", "crates/bench/src/", "crates/cli/src/"];
+
 /// Paths in backticks that name nothing. A path begins at the root, in `src`, or beside the page; the name of a source
 /// file alone is one of some folder.
 fn dead_paths(tree: &Tree, page: &str, named: Vec<(usize, String)>, breaches: &mut Vec<Breach>) {
@@ -54,7 +58,7 @@ fn dead_paths(tree: &Tree, page: &str, named: Vec<(usize, String)>, breaches: &m
             expand(&code).into_iter().filter(|path| shape.is_match(path) && !placeholder.is_match(path))
         {
             let known = match path.split_once('/') {
-                Some((first, _)) => tree.exists(first) || tree.exists(&format!("src/{first}")),
+                Some((first, _)) => ROOTS.iter().any(|root| tree.exists(&format!("{root}{first}"))),
                 None => source.is_match(&path),
             };
             // `target/` is what builds make.
@@ -67,17 +71,17 @@ fn dead_paths(tree: &Tree, page: &str, named: Vec<(usize, String)>, breaches: &m
 
 fn names_something(tree: &Tree, page: &str, path: &str) -> bool {
     if let Some((before, _)) = path.split_once('*') {
-        return [before.to_string(), format!("src/{before}")]
-            .iter()
-            .any(|start| tree.files().any(|(file, _)| file.starts_with(start)));
+        let starts = ROOTS.map(|root| format!("{root}{before}"));
+        return tree.files().any(|(file, _)| starts.iter().any(|start| file.starts_with(start)));
     }
     if !path.contains('/') {
         let end = format!("/{path}");
         return tree.files().any(|(file, _)| file == path || file.ends_with(&end));
     }
     let beside = resolve(folder_of(page), path).unwrap_or_default();
-    let module = format!("src/{}.rs", path.trim_end_matches('/'));
-    [path.to_string(), format!("src/{path}"), beside, module].iter().any(|path| tree.exists(path))
+    let module = path.trim_end_matches('/');
+    let named = ROOTS.iter().flat_map(|root| [format!("{root}{path}"), format!("{root}{module}.rs")]);
+    named.chain([beside]).any(|path| tree.exists(&path))
 }
 
 #[test]

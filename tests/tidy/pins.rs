@@ -51,9 +51,9 @@ pub const PINS: &[(&str, Value)] = &[
     ("[`MAX_RADIANCE`] = {n}.", Constant("src/film/", "MAX_RADIANCE")),
     // Scenes, trees, lights.
     ("up to {n} coats", Constant("src/scene/coat.rs", "MOST")),
-    ("up to {n} triangles with shared corners", Constant("src/bvh/", "BLOCK_TRIANGLES")),
-    ("while it is built, {n} children wide", Constant("src/bvh/", "WIDTH")),
-    ("more than {n} triangles", Constant("src/bvh/", "MAX_TRIANGLES")),
+    ("up to {n} triangles with shared corners", Constant("crates/rays/src/bvh/", "BLOCK_TRIANGLES")),
+    ("while it is built, {n} children wide", Constant("crates/rays/src/bvh/", "WIDTH")),
+    ("more than {n} triangles", Constant("crates/rays/src/bvh/", "MAX_TRIANGLES")),
     ("More than {n} emissive triangles", Constant("src/shade/light/mod.rs", "FEW")),
     ("More than {n} point and spot lights", Constant("src/shade/light/mod.rs", "FEW")),
     ("`light::EmitterBounds` holds up to {n} boxes", Constant("src/shade/light/emitter_bounds.rs", "MOST")),

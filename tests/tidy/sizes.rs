@@ -39,12 +39,12 @@ const EXCEPTIONS: &[Exception] = &[
         reason: "each layer dims the sum of those below it: one running value and density",
     },
     Exception {
-        file: "src/trace/cpu/leaf.rs",
+        file: "crates/rays/src/trace/cpu/leaf.rs",
         function: "test_list",
         reason: "an inner loop whose values stay in registers: parts would pass a dozen of them",
     },
     Exception {
-        file: "src/trace/cpu/packet/form.rs",
+        file: "crates/rays/src/trace/cpu/packet/form.rs",
         function: "form",
         reason: "one pass that reads each ray once and keeps what it finds",
     },

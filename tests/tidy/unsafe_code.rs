@@ -123,8 +123,10 @@ fn listed(tree: &Tree, files: &BTreeMap<String, usize>, breaches: &mut Vec<Breac
     for (offset, name) in inline_code(&section) {
         let line = at + offset - 1;
         for name in expand(&name).into_iter().filter(|name| name.ends_with(".rs")) {
-            let path =
-                [name.clone(), format!("src/{name}")].into_iter().find(|path| tree.get(path).is_some());
+            let path = ["", "src/", "crates/rays/src/"]
+                .map(|root| format!("{root}{name}"))
+                .into_iter()
+                .find(|path| tree.get(path).is_some());
             match path {
                 Some(path) if files.contains_key(&path) => drop(named.insert(path)),
                 _ => breaches.push(Breach::new(MAP, line, format!("`{name}` has no unsafe code: remove it"))),

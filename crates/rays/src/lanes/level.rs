@@ -154,8 +154,8 @@ impl SimdLevel {
     }
 
     /// The level whose tasks have `lanes` lanes.
-    #[cfg(feature = "render")]
-    pub(crate) fn of_lanes(lanes: usize) -> Self {
+    #[doc(hidden)]
+    pub fn of_lanes(lanes: usize) -> Self {
         match lanes {
             16 => Self::Avx512,
             8 if cfg!(target_arch = "aarch64") => Self::Neon,

@@ -32,11 +32,13 @@ use glam::Vec3;
 pub const MAX_COORDINATE: f32 = 1.0e11;
 
 /// Range of the largest direction component. Rays outside of it hit nothing.
-pub(crate) const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9;
+#[doc(hidden)]
+pub const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 1.0e-9..=1.0e9;
 
 /// Direction components below this share of the largest one are raised to it, in the slab test only, so that
 /// reciprocals stay finite. That moves the ray by less than [`SLACK`] allows.
-pub(crate) const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
+#[doc(hidden)]
+pub const MIN_COMPONENT: f32 = 1.0 / (1u64 << 40) as f32;
 
 /// Distance by which box planes are moved outwards, relative to the largest coordinate of scene and origin.
 pub const SLACK: f32 = 1.0 / (1u32 << 19) as f32;

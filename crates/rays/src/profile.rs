@@ -25,7 +25,8 @@ const UNOPTIMISED: &str = "raystream was compiled without optimisation and is ab
                            opt-level = 3";
 
 /// Logs a warning, or prints it where no logger is installed.
-pub(crate) fn warn(message: &str) {
+#[doc(hidden)]
+pub fn warn(message: &str) {
     if log::max_level() == log::LevelFilter::Off {
         eprintln!("warning: {message}");
     } else {

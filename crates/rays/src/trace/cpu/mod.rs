@@ -53,8 +53,9 @@ mod packet;
 mod pair_stack;
 mod ray_lists;
 mod ray_node_pairs;
-#[cfg(feature = "gpu")]
-pub(crate) mod ray_triangle_pairs;
+#[doc(hidden)]
+#[expect(missing_debug_implementations, reason = "lanes of kernels")]
+pub mod ray_triangle_pairs;
 mod setup;
 mod shaft;
 mod single;

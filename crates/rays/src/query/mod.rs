@@ -9,8 +9,8 @@
 //! the same bits. Words are defined in `docs/glossary.md`.
 //!
 //! ```
-//! use raystream::glam::Vec3;
-//! use raystream::query::{Hit, Mesh, Ray};
+//! use raystream_rays::glam::Vec3;
+//! use raystream_rays::query::{Hit, Mesh, Ray};
 //!
 //! let square = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
 //! let mesh = Mesh::build(&square, &[[0, 1, 2], [0, 2, 3]])?;
@@ -19,7 +19,7 @@
 //! assert_eq!(mesh.closest(&[down, beside]), [Hit { t: 3.0, u: 0.25, v: 0.5, primitive: 0 }, Hit::NONE]);
 //! assert_eq!(mesh.occluded(&[down, beside]), [true, false]);
 //! assert!(!mesh.sees(Vec3::new(0.5, 0.2, 1.0), Vec3::new(0.5, 0.2, -1.0)));
-//! # Ok::<(), raystream::query::GeometryError>(())
+//! # Ok::<(), raystream_rays::query::GeometryError>(())
 //! ```
 //!
 //! | question | call |

@@ -100,7 +100,8 @@ impl WideNode {
     }
 
     /// The children that are leaf blocks.
-    pub(crate) fn block_children(&self) -> impl Iterator<Item = Child> {
+    #[doc(hidden)]
+    pub fn block_children(&self) -> impl Iterator<Item = Child> {
         self.children.into_iter().filter(|&child| child != Child::NONE && child.is_block())
     }
 

@@ -77,7 +77,8 @@ pub fn mix(x: u32) -> u32 {
 
 /// [`mix`] in lanes.
 #[inline(always)]
-pub(crate) fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
+#[doc(hidden)]
+pub fn mix_lanes<L: Lanes>(x: Int<L>) -> Int<L> {
     let x = (x ^ (x >> 16)) * 0x7feb_352d;
     let x = (x ^ (x >> 15)) * 0x846c_a68b;
     x ^ (x >> 16)
@@ -115,7 +116,8 @@ fn sobol_second<L: Lanes>(index: Int<L>) -> Int<L> {
 
 /// The upper 24 bits as a float in [0, 1).
 #[inline(always)]
-pub(crate) fn unit<L: Lanes>(x: Int<L>) -> Num<L> {
+#[doc(hidden)]
+pub fn unit<L: Lanes>(x: Int<L>) -> Num<L> {
     (x >> 8).to_num() * (1.0 / (1 << 24) as f32)
 }
 

@@ -52,7 +52,6 @@ pub use validate::BvhError;
 pub use wide_tree::{WideNode, WideTree};
 
 use crate::geom::{Aabb, CanonicalHit, CanonicalRay, Placement};
-#[cfg(feature = "gpu")]
 use crate::lanes::Prefetch;
 use crate::lanes::each;
 use crate::profile;
@@ -189,7 +188,8 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     #[inline]
-    pub(crate) fn corners_and_mask(&self, primitive: u32) -> ([Vec3; 3], bool) {
+    #[doc(hidden)]
+    pub fn corners_and_mask(&self, primitive: u32) -> ([Vec3; 3], bool) {
         let Some(instances) = &self.instances else {
             let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
             let row = block.row(primitive).expect("its block has it");
@@ -202,9 +202,9 @@ impl Bvh {
     }
 
     /// Prefetches where a triangle lies, for [`Bvh::prefetch_triangle`]. Does nothing in a two-level tree.
-    #[cfg(feature = "gpu")]
     #[inline(always)]
-    pub(crate) fn prefetch_reference(&self, primitive: u32) {
+    #[doc(hidden)]
+    pub fn prefetch_reference(&self, primitive: u32) {
         if self.instances.is_none() {
             let references = self.triangle_blocks.as_ptr();
             Prefetch::First.each([references.wrapping_add(self.ids.index(primitive))]);
@@ -215,9 +215,9 @@ impl Bvh {
     ///
     /// # Panics
     /// If there is no such primitive.
-    #[cfg(feature = "gpu")]
     #[inline(always)]
-    pub(crate) fn prefetch_triangle(&self, primitive: u32) {
+    #[doc(hidden)]
+    pub fn prefetch_triangle(&self, primitive: u32) {
         if self.instances.is_none() {
             let block = self.wide.blocks.address(self.triangle_blocks[self.ids.index(primitive)]);
             let line = |bytes: usize| block.wrapping_byte_add(bytes);
@@ -244,7 +244,8 @@ impl Bvh {
     /// # Panics
     /// If there is no such primitive.
     #[inline(always)]
-    pub(crate) fn accepted_hit(
+    #[doc(hidden)]
+    pub fn accepted_hit(
         &self,
         ray: &CanonicalRay,
         primitive: u32,

@@ -26,14 +26,14 @@ impl Mesh {
     /// Positions may be arrays, or vectors of any version of glam. They are copied into the tree.
     ///
     /// ```
-    /// use raystream::query::Mesh;
+    /// use raystream_rays::query::Mesh;
     ///
     /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     /// let mesh = Mesh::build(&corners, &[[0, 1, 2]])?;
     /// assert_eq!(mesh.triangle_count(), 1);
     /// let error = Mesh::build(&corners, &[[0, 1, 3]]).unwrap_err();
     /// assert_eq!(error.to_string(), "triangle 0 names vertex 3, but there are 3 vertices");
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     ///
     /// # Errors
@@ -59,14 +59,14 @@ impl Mesh {
     /// Clones are not moved.
     ///
     /// ```
-    /// use raystream::query::{Mesh, Ray};
+    /// use raystream_rays::query::{Mesh, Ray};
     ///
     /// let mut corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     /// let mut mesh = Mesh::build(&corners, &[[0, 1, 2]])?;
     /// corners.iter_mut().for_each(|corner| corner[2] -= 1.0);
     /// mesh.refit(&corners, &[[0, 1, 2]])?;
     /// assert_eq!(mesh.closest_one(&Ray::new([0.2, 0.2, 1.0], [0.0, 0.0, -1.0])).t, 2.0);
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     ///
     /// # Errors
@@ -99,7 +99,7 @@ impl Mesh {
     /// [`Mesh::closest`] of a single ray.
     ///
     /// ```
-    /// use raystream::query::{Mesh, Ray};
+    /// use raystream_rays::query::{Mesh, Ray};
     ///
     /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
     /// let ray = Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, -1.0]);
@@ -107,7 +107,7 @@ impl Mesh {
     /// assert_eq!((hit.t, hit.primitive), (2.0, 0));
     /// assert_eq!(ray.at(hit.t).to_array(), [0.25, 0.5, 0.0]);
     /// assert_eq!(mesh.normal(&hit).to_array(), [0.0, 0.0, 1.0]);
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn closest_one(&self, ray: &Ray) -> Hit {
         self.tracers.single().closest_one(ray)
@@ -124,7 +124,7 @@ impl Mesh {
     /// as [`Mesh::closest`], besides the time of `accepts`.
     ///
     /// ```
-    /// use raystream::query::{Mesh, Ray};
+    /// use raystream_rays::query::{Mesh, Ray};
     ///
     /// // Two triangles, one above the other. No ray may hit the triangle that it starts on.
     /// let corners = [0.0, 1.0].map(|z| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]]);
@@ -134,7 +134,7 @@ impl Mesh {
     /// let hits = mesh.closest_where(&rays, |ray, hit| hit.primitive != starts_on[ray]);
     /// assert_eq!((hits[0].t, hits[0].primitive), (1.0, 1));
     /// assert!(hits[1].is_miss());
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn closest_where(&self, rays: &[Ray], accepts: impl Fn(usize, &Hit) -> bool + Sync) -> Vec<Hit> {
         self.tracers.closest_where(rays, &accepts)
@@ -147,7 +147,7 @@ impl Mesh {
     /// Every ray is traced by itself, to its end.
     ///
     /// ```
-    /// use raystream::query::{Mesh, Ray};
+    /// use raystream_rays::query::{Mesh, Ray};
     ///
     /// // The second triangle lies upon the first.
     /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -156,7 +156,7 @@ impl Mesh {
     /// let (hits, ranges) = mesh.all_hits(&up);
     /// assert_eq!(ranges, [0..2, 0..0]);
     /// assert_eq!(hits[ranges[0].clone()].iter().map(|hit| hit.primitive).collect::<Vec<_>>(), [0, 1]);
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn all_hits(&self, rays: &[Ray]) -> (Vec<Hit>, Vec<Range<usize>>) {
         self.tracers.all_hits(rays)
@@ -178,12 +178,12 @@ impl Mesh {
     /// [`Mesh::occluded`] of a single ray.
     ///
     /// ```
-    /// use raystream::query::{Mesh, Ray};
+    /// use raystream_rays::query::{Mesh, Ray};
     ///
     /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
     /// assert!(mesh.occluded_one(&Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, -1.0])));
     /// assert!(!mesh.occluded_one(&Ray::new([0.25, 0.5, 2.0], [0.0, 0.0, 1.0])));
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn occluded_one(&self, ray: &Ray) -> bool {
         self.tracers.single().occluded_one(ray)
@@ -193,12 +193,12 @@ impl Mesh {
     /// [`Ray::between`] them to [`Mesh::occluded`].
     ///
     /// ```
-    /// use raystream::query::Mesh;
+    /// use raystream_rays::query::Mesh;
     ///
     /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
     /// assert!(!mesh.sees([0.2, 0.2, -1.0], [0.2, 0.2, 1.0]));
     /// assert!(mesh.sees([0.8, 0.8, -1.0], [0.8, 0.8, 1.0]));
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn sees(&self, from: impl Into<[f32; 3]>, to: impl Into<[f32; 3]>) -> bool {
         !self.occluded_one(&Ray::between(from, to))
@@ -212,13 +212,13 @@ impl Mesh {
     /// Computed in `f64`, then rounded. Stays on the calling thread.
     ///
     /// ```
-    /// use raystream::query::Mesh;
+    /// use raystream_rays::query::Mesh;
     ///
     /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
     /// let nearest = mesh.nearest_point([0.25, -3.0, 4.0], f32::INFINITY).expect("a triangle");
     /// assert_eq!((nearest.position.to_array(), nearest.distance), ([0.25, 0.0, 0.0], 5.0));
     /// assert!(mesh.nearest_point([0.25, -3.0, 4.0], 4.9).is_none());
-    /// # Ok::<(), raystream::query::GeometryError>(())
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn nearest_point(&self, point: impl Into<[f32; 3]>, max_distance: f32) -> Option<NearestPoint> {
         nearest_point(self.bvh(), Vec3::from_array(point.into()), max_distance)

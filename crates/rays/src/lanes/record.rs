@@ -15,11 +15,13 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 
 /// The index of a step, whose value it stands for.
-pub(crate) type Slot = u32;
+#[doc(hidden)]
+pub type Slot = u32;
 
 /// Function of its operands that a step computes. The names are those of the operations of programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Recorded {
+#[doc(hidden)]
+pub enum Recorded {
     Not,
     And,
     Or,
@@ -51,7 +53,8 @@ pub(crate) enum Recorded {
 
 /// One step of a tape. Truth values are words of all bits or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Step {
+#[doc(hidden)]
+pub enum Step {
     /// A word of the caller's, by its number.
     Input(u32),
     /// The same word at all points.
@@ -64,7 +67,8 @@ pub(crate) enum Step {
 
 /// Steps of a function over lanes.
 #[derive(Debug, Default)]
-pub(crate) struct Tape {
+#[doc(hidden)]
+pub struct Tape {
     /// In the order in which they were recorded, each once.
     pub steps: Vec<Step>,
     /// The tables that were looked up.
@@ -81,10 +85,12 @@ thread_local! {
 
 /// The token of lanes that record onto the tape of the thread.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Recorder(());
+#[doc(hidden)]
+pub struct Recorder(());
 
 /// Records what a function does. Returns the tape and the function's result.
-pub(crate) fn record<T>(work: impl FnOnce(Recorder) -> T) -> (Tape, T) {
+#[doc(hidden)]
+pub fn record<T>(work: impl FnOnce(Recorder) -> T) -> (Tape, T) {
     let before = TAPE.replace(Some(Tape::default()));
     assert!(before.is_none(), "recordings do not nest");
     let result = work(Recorder(()));
@@ -159,7 +165,8 @@ impl Int<Recorder> {
 
 /// A truth value at each point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Truth(Slot);
+#[doc(hidden)]
+pub struct Truth(Slot);
 
 impl Sealed for Truth {}
 impl Sealed for Recorder {}

@@ -9,7 +9,8 @@ use std::sync::LazyLock;
 
 /// The cache that lines are prefetched into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Prefetch {
+#[doc(hidden)]
+pub enum Prefetch {
     /// The first-level cache.
     First,
     /// The second-level cache. A first-level cache can wait for a few dozen lines at once. At one more, Intel's

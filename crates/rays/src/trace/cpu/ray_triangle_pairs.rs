@@ -14,7 +14,8 @@ use crate::stream::{Hit, Ray};
 use glam::Vec3;
 
 /// Pairs of a ray and a triangle, as many as lanes or fewer.
-pub(crate) struct RayTrianglePairs {
+#[doc(hidden)]
+pub struct RayTrianglePairs {
     len: usize,
     rays: [Ray; MAX_LANES],
     /// As `[vertex][axis][pair]`.

@@ -35,7 +35,7 @@ impl Ray {
     /// The point at `t` lengths of the direction from the origin.
     ///
     /// ```
-    /// use raystream::stream::Ray;
+    /// use raystream_rays::stream::Ray;
     ///
     /// let ray = Ray::new([0.0, 1.0, 0.0], [0.0, 0.0, 2.0]);
     /// assert_eq!(ray.at(1.5).to_array(), [0.0, 1.0, 3.0]);

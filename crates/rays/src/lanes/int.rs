@@ -156,7 +156,6 @@ impl<L: Lanes> Int<L> {
     /// When the table has no such row, or 2³⁰ words or more.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn rows<const N: usize>(self, table: &[u32]) -> [Self; N] {
-        #[cfg(all(test, feature = "wgsl"))]
         if let Some(columns) = self.l.recorded_rows(self.i, table) {
             return columns.map(|i| Self { i, ..self });
         }

@@ -41,8 +41,8 @@ mod num;
 mod order;
 mod plain;
 mod prefetch;
-#[cfg(all(test, feature = "wgsl"))]
-pub(crate) mod record;
+#[doc(hidden)]
+pub mod record;
 #[cfg(test)]
 mod tests;
 pub mod trigonometry;
@@ -56,9 +56,9 @@ pub(crate) use columns::{
     columns, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row, store_one,
     swap_halves,
 };
-pub(crate) use inlined::{both, each, from_index, zip};
-#[cfg(feature = "render")]
-pub(crate) use inlined::{for_pairs, for_pairs_mut, for_parts};
+pub(crate) use inlined::{both, zip};
+#[doc(hidden)]
+pub use inlined::{each, for_pairs, for_pairs_mut, for_parts, from_index};
 pub use int::Int;
 pub use level::{LaneTask, SimdError, SimdLevel};
 #[doc(hidden)]
@@ -68,7 +68,8 @@ pub use mask::{Mask, MaskRepr, SetLanes};
 pub(crate) use neon::Neon;
 pub use num::Num;
 pub use plain::{Plain, SingleLane};
-pub(crate) use prefetch::Prefetch;
+#[doc(hidden)]
+pub use prefetch::Prefetch;
 pub use vector::Vector;
 
 use std::ops::{Index, IndexMut};
@@ -218,7 +219,6 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output;
 
     /// The columns of [`Int::rows`], where they are recorded and not read.
-    #[cfg(all(test, feature = "wgsl"))]
     #[cfg_attr(not(unoptimised), inline(always))]
     fn recorded_rows<const N: usize>(self, _index: Self::I, _table: &[u32]) -> Option<[Self::I; N]> {
         None
@@ -345,7 +345,8 @@ trait OutOfLine<L: Lanes>: OutlinedTask<L> {
 
 /// The integer nearest to `x`, ties to even; `x` is at least 0 and below 2⁶³.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn nearest(x: f64) -> i64 {
+#[doc(hidden)]
+pub fn nearest(x: f64) -> i64 {
     // Numbers from here on have no fraction; adding it to a lesser number rounds the fraction away.
     const WHOLE: f64 = (1u64 << 52) as f64;
     (if x < WHOLE { (x + WHOLE) - WHOLE } else { x }) as i64

@@ -22,8 +22,8 @@ thread_local! {
 /// tree until the instances of one are moved.
 ///
 /// ```
-/// use raystream::glam::{Affine3A, Vec3};
-/// use raystream::query::{Mesh, Ray, World};
+/// use raystream_rays::glam::{Affine3A, Vec3};
+/// use raystream_rays::query::{Mesh, Ray, World};
 ///
 /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
 /// let at = |z| Affine3A::from_translation(Vec3::Z * z);

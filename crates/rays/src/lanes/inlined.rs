@@ -1,14 +1,14 @@
 //! Loops over arrays and slices that are inlined wherever they are called. The `map` of arrays and the `zip` of
 //! iterators are compiled once a crate; without optimisation across codegen units each is then a call in a hot loop.
 
-#[cfg(feature = "render")]
 use std::ops::Range;
 
 /// `f` of each index of an array. Unlike `array::from_fn` every codegen unit has a copy, which is inlined. It is not
 /// `inline(always)`, since that puts the loop into callers before it is unrolled: the library then takes twice as long
 /// to compile.
 #[inline]
-pub(crate) fn from_index<T: Copy + Default, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
+#[doc(hidden)]
+pub fn from_index<T: Copy + Default, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
     let mut array = [T::default(); N];
     let mut i = 0;
     while i < N {
@@ -20,7 +20,8 @@ pub(crate) fn from_index<T: Copy + Default, const N: usize>(f: impl Fn(usize) ->
 
 /// `f` of each of three. Unlike the `map` of arrays it is certain to be inlined, and `f` with it.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
+#[doc(hidden)]
+pub fn each<A: Copy, B>(a: [A; 3], f: impl Fn(A) -> B) -> [B; 3] {
     [f(a[0]), f(a[1]), f(a[2])]
 }
 
@@ -37,9 +38,9 @@ pub(crate) fn zip<A: Copy, B: Copy, C>(a: [A; 3], b: [B; 3], f: impl Fn(A, B) ->
 }
 
 /// Calls `f` with where each part of `n` elements of a slice of `len` elements lies; the last part may be shorter.
-#[cfg(feature = "render")]
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn for_parts(len: usize, n: usize, mut f: impl FnMut(Range<usize>)) {
+#[doc(hidden)]
+pub fn for_parts(len: usize, n: usize, mut f: impl FnMut(Range<usize>)) {
     let mut at = 0;
     while at < len {
         let end = len.min(at + n);
@@ -49,9 +50,9 @@ pub(crate) fn for_parts(len: usize, n: usize, mut f: impl FnMut(Range<usize>)) {
 }
 
 /// Calls `f` with the elements of two slices, as far as both have some.
-#[cfg(feature = "render")]
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
+#[doc(hidden)]
+pub fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
     let len = a.len().min(b.len());
     let (a, b) = (&a[..len], &b[..len]);
     for i in 0..len {
@@ -60,9 +61,9 @@ pub(crate) fn for_pairs<A, B>(a: &[A], b: &[B], mut f: impl FnMut(&A, &B)) {
 }
 
 /// [`for_pairs`] where `f` may change the elements of the first slice.
-#[cfg(feature = "render")]
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(crate) fn for_pairs_mut<A, B>(a: &mut [A], b: &[B], mut f: impl FnMut(&mut A, &B)) {
+#[doc(hidden)]
+pub fn for_pairs_mut<A, B>(a: &mut [A], b: &[B], mut f: impl FnMut(&mut A, &B)) {
     let len = a.len().min(b.len());
     let (a, b) = (&mut a[..len], &b[..len]);
     for i in 0..len {

@@ -22,11 +22,11 @@ pub use basis::Basis;
 #[doc(hidden)]
 pub use canonical::SLACK;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
-pub(crate) use canonical::{DIRECTION_RANGE, MIN_COMPONENT};
+#[doc(hidden)]
+pub use canonical::{DIRECTION_RANGE, MIN_COMPONENT};
 pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
-#[cfg(any(test, feature = "render"))]
 #[doc(hidden)]
 pub use sampler::mix;
-#[cfg(feature = "render")]
-pub(crate) use sampler::{mix_lanes, unit};
+#[doc(hidden)]
+pub use sampler::{mix_lanes, unit};
