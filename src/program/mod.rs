@@ -26,6 +26,8 @@ mod parameter;
 mod prelude;
 mod run;
 mod shader;
+#[doc(hidden)]
+pub mod shipped;
 mod source;
 mod surface;
 #[cfg(test)]

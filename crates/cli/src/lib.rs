@@ -9,6 +9,7 @@ mod printing;
 mod args;
 mod arrays;
 mod bench;
+#[cfg(any(feature = "gpu", feature = "service"))]
 mod cache;
 mod command;
 mod compare;

@@ -9,6 +9,7 @@ use raystream::engine::PreparedScene;
 use raystream::lanes::SimdLevel;
 use raystream::meters::Clock;
 use raystream::program::integrator::IntegratorShader;
+use raystream::program::shipped::{DUST, WHITTED, WHITTED_SPLIT, WOOD};
 use raystream::program::{BsdfShader, PatternShader, ShaderError};
 use raystream::render::{HitShading, PathTracer, Settings, WgslShader, Whitted};
 use raystream::scene::{
@@ -19,11 +20,6 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 use twins::{Dust, Wood};
-
-const WOOD: &str = include_str!("../../../../scenes/shaders/wood.wgsl");
-const DUST: &str = include_str!("../../../../scenes/shaders/dust.wgsl");
-const WHITTED: &str = include_str!("../../../../scenes/shaders/whitted.wgsl");
-const WHITTED_SPLIT: &str = include_str!("../../../../scenes/shaders/whitted_split.wgsl");
 
 /// Blocks of hits that are compared.
 const BLOCKS: [usize; 7] = [16, 32, 64, 128, 256, 512, 1024];

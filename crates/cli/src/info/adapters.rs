@@ -1,0 +1,55 @@
+//! The GPU adapters of this machine.
+
+use raystream::engine::calibration_host;
+use raystream::stream::Sizing;
+use raystream::trace::cpu::SimdLevel;
+use raystream::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
+
+/// Prints the GPU adapters of this machine.
+pub fn print() {
+    let adapters = raystream::trace::gpu::adapters();
+    if adapters.is_empty() {
+        stdout_line!(
+            "adapters:     none (no Vulkan, Metal or DirectX 12 driver found); rays are traced on the CPU"
+        );
+    }
+    // The stream sizes of an adapter may take seconds to measure.
+    for adapter in adapters.into_iter().take_while(|_| !crate::printing::is_unread()) {
+        stdout_line!("adapter:      {adapter}");
+        stdout_line!("  driver:         {}", adapter.driver);
+        stdout_line!(
+            "  storage buffer: {} MiB bound, {} MiB in all, {} to a kernel",
+            adapter.max_binding_bytes >> 20,
+            adapter.max_buffer_bytes >> 20,
+            adapter.max_storage_bindings
+        );
+        stdout_line!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
+        stdout_line!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
+        stdout_line!(
+            "  ray queries:    {}",
+            match adapter.max_query_boxes {
+                0 => "none".to_owned(),
+                boxes => format!("up to {boxes} boxes"),
+            }
+        );
+        stdout_line!("  streams:        {}", sizing(&adapter));
+    }
+}
+
+/// The stream sizes and kernels calibrated for an adapter; measures them unless a calibration is cached.
+fn sizing(adapter: &AdapterInfo) -> String {
+    let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
+    let host = |bvh| calibration_host(bvh, SimdLevel::detect());
+    let gpu = match (Gpu::open(&choice), crate::cache::folder()) {
+        (Ok(gpu), Some(folder)) => gpu.calibrate(&folder, host),
+        (Ok(gpu), None) => gpu,
+        (Err(error), _) => return format!("not calibrated: {error}"),
+    };
+    match gpu.sizing() {
+        None => "not calibrated; using the paper's sizes".into(),
+        Some(Sizing { threshold, least, in_flight }) => format!(
+            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays stay on the CPU; kernels: {}",
+            gpu.variant()
+        ),
+    }
+}
