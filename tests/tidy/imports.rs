@@ -335,7 +335,7 @@ fn imports_beyond_the_table_and_entries_beyond_the_imports_are_named() {
         ("src/trace/mod.rs", "pub mod cpu;\nuse crate::trace::cpu::X;\nuse crate::lanes;"),
         ("src/trace/cpu/mod.rs", "use crate::bvh;\nuse super::gpu;"),
         ("src/trace/gpu.rs", "use wgpu::A;\nuse crate::bvh;"),
-        ("src/cli/mod.rs", "use crate::bvh;\nuse clap::A;\nuse crate::lanes;"),
+        ("crates/cli/src/lib.rs", "use raystream::bvh;\nuse clap::A;\nuse raystream_rays::lanes;"),
         ("src/new/mod.rs", ""),
     ]);
     let expected = [
@@ -349,7 +349,7 @@ fn imports_beyond_the_table_and_entries_beyond_the_imports_are_named() {
         ("src/trace/cpu/mod.rs:2", "`trace::cpu` may not import `trace::gpu`"),
         ("src/trace/gpu.rs:1", "the graphics interface"),
         ("src/ARCHITECTURE.md:10", "no module `ghost`"),
-        ("src/cli/mod.rs:3", "`cli` may not import `lanes`"),
+        ("crates/cli/src/lib.rs:3", "`cli` may not import `lanes`"),
         ("src/new/mod.rs:1", "`new` has no row"),
     ];
     super::breach::assert_named(&breaches(&tree), &expected);

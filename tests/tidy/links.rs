@@ -44,8 +44,7 @@ fn dead_link(tree: &Tree, page: &str, target: &str) -> Option<String> {
 }
 
 /// The places at which a path may begin.
-const ROOTS: [&str; 6] =
-    ["", "src/", "crates/rays/src/", "crates/service/src/", "crates/bench/src/", "crates/cli/src/"];
+const ROOTS: [&str; 5] = ["", "src/", "crates/rays/src/", "crates/bench/src/", "crates/cli/src/"];
 
 /// Paths in backticks that name nothing. A path begins at the root, in `src`, or beside the page; the name of a source
 /// file alone is one of some folder.

@@ -20,7 +20,7 @@ pub fn long() -> String {
         FEATURES.iter().filter(|(_, is_built)| *is_built).map(|(name, _)| *name).collect();
     let levels: Vec<&str> = SimdLevel::available().into_iter().map(SimdLevel::name).collect();
     format!(
-        "{version}\ncommit:           {commit}\nfeatures:         {}\ninstruction sets: {} (this machine's, best first)",
+        "{version}\ncommit:           {commit}\nfeatures:         {}\ninstruction sets: {} (here, best first)",
         if features.is_empty() { "none".to_owned() } else { features.join(", ") },
         levels.join(", ")
     )

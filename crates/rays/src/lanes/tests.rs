@@ -298,7 +298,8 @@ fn masks_are_booleans_lane_by_lane() {
 /// round twice, and masks as bits.
 const NOT_RECORDABLE: [&str; 6] = ["mul_add", "fma(", "fms(", "L::ALL", "SingleLane::ALL", "LaneBits"];
 
-/// Where such code is, in the sources of the engine or of this crate: shading, the scene's look-ups, and the types that both are written with.
+/// Where such code is, in the sources of the engine or of this crate: shading, the scene's look-ups, and the types that
+/// both are written with.
 const RECORDED: [&str; 11] = [
     "shade",
     "scene",

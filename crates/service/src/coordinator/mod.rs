@@ -1,7 +1,7 @@
 //! Works on jobs: plans them, lets workers render their units, and adds up what comes back.
 //!
 //! ```text
-//! planner: jobs ─▶ open frames ─▶ units ─▶ answers, lending ─▶ workers      tasks: plan, open, finish a frame
+//! planner: jobs ─▶ open frames ─▶ units ─▶ answers, lending ─▶ workers   tasks: plan, open, finish a frame
 //!                       ▲                                       │
 //!                       └── verdicts: sums on the disk, in the ledger, in memory ◀┘
 //! ```

@@ -1,6 +1,6 @@
 //! A live view on a WebSocket: frames as binary messages, requests and replies as JSON.
 
-use crate::live::{LiveViews, Reply, Request, ViewScene};
+use crate::live::{CountedView, LiveViews, Reply, Request, ViewScene};
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,20 +33,10 @@ pub async fn run(
     view_scene: Result<ViewScene, String>,
     mut ending: watch::Receiver<bool>,
 ) {
-    let view_scene = match view_scene {
-        Ok(view_scene) => view_scene,
-        Err(reason) => return refuse(socket, reason).await,
-    };
     let notify = Arc::new(Notify::new());
-    let waking = Arc::clone(&notify);
-    // Making a table and starting threads may take some hundredths of a second.
-    let opening = Arc::clone(&views);
-    let opened =
-        tokio::task::spawn_blocking(move || opening.open(view_scene, move || waking.notify_one())).await;
-    let view = match opened {
-        Ok(Ok(view)) => view,
-        Ok(Err(error)) => return refuse(socket, error.to_string()).await,
-        Err(_) => return refuse(socket, "the view could not be started; try again".into()).await,
+    let view = match open(&views, view_scene, &notify).await {
+        Ok(view) => view,
+        Err(reason) => return refuse(socket, reason).await,
     };
     let mut unshown: Vec<u32> = Vec::with_capacity(CREDITS);
     let mut heard = tokio::time::Instant::now();
@@ -99,6 +89,22 @@ pub async fn run(
     }
 }
 
+/// Starts a view, which wakes its connection by `notify`.
+async fn open(
+    views: &Arc<LiveViews>,
+    view_scene: Result<ViewScene, String>,
+    notify: &Arc<Notify>,
+) -> Result<CountedView, String> {
+    let (view_scene, opening, waking) = (view_scene?, Arc::clone(views), Arc::clone(notify));
+    // Making a table and starting threads may take some hundredths of a second.
+    let opened =
+        tokio::task::spawn_blocking(move || opening.open(view_scene, move || waking.notify_one())).await;
+    match opened {
+        Ok(view) => view.map_err(|error| error.to_string()),
+        Err(_) => Err("the view could not be started; try again".into()),
+    }
+}
+
 /// Waits until the service is to end.
 async fn ended(ending: &mut watch::Receiver<bool>) {
     // The sender lives as long as the service.
@@ -136,6 +142,6 @@ async fn refuse(mut socket: WebSocket, reason: String) {
 }
 
 /// Ends a view on a thread that may wait for it.
-fn close(view: crate::live::CountedView) {
+fn close(view: CountedView) {
     tokio::task::spawn_blocking(move || drop(view));
 }
