@@ -215,7 +215,7 @@ fn results_and_failures_of_units_of_others_are_refused() {
             "samples": leased["unit"]["samples"], "digest": "0".repeat(64), "seconds": 1.0, "opening_s": 0.0,
         } });
         let told = said("result", result, &[0; 64]);
-        assert!(told["Answer"]["Verdict"]["Refused"].is_string(), "{name}: {told}");
+        assert!(told["Answer"]["Result"]["Refused"].is_string(), "{name}: {told}");
         for _ in 0..10 {
             said("failure", json!({ "Failure": { "held": held, "error": "it is broken" } }), &[]);
         }
@@ -226,7 +226,7 @@ fn results_and_failures_of_units_of_others_are_refused() {
         "held": held, "identity": "0".repeat(64), "blocks": leased["unit"]["blocks"],
         "samples": leased["unit"]["samples"], "digest": "0".repeat(64), "seconds": 1.0, "opening_s": 0.0,
     } });
-    assert!(said("result", result, &[0; 64])["Answer"]["Verdict"]["Anew"].is_string());
+    assert!(said("result", result, &[0; 64])["Answer"]["Result"]["Anew"].is_string());
     let _honest = farm.worker("worker-2");
     assert_eq!(service.hashes(&id), [hash]);
 }

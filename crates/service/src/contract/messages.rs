@@ -243,7 +243,8 @@ pub enum Ask {
 /// An answer of the coordinator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
-    /// To [`Ask::Join`].
+    /// To [`Ask::Join`]. Workers of older builds read a refusal by its first name.
+    #[serde(rename = "Welcome")]
     Joined(JoinReply),
     /// To [`Ask::Report`].
     Reported(ReportReply),
