@@ -142,7 +142,7 @@ pub fn run(options: &Options) -> Result<Vec<Row>, ScheduleError> {
     for &threads in &options.threads {
         let service = Service::new(ServiceOptions {
             host_threads: threads,
-            dispatch_threads: 0,
+            device_thread: false,
             max_jobs: 1,
             ..ServiceOptions::default()
         })?;

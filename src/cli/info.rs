@@ -3,7 +3,6 @@
 #[cfg(feature = "gpu")]
 use crate::engine::calibration_host;
 #[cfg(feature = "gpu")]
-use crate::stream::Sizing;
 use crate::trace::cpu::SimdLevel;
 #[cfg(feature = "gpu")]
 use crate::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
@@ -48,13 +47,13 @@ fn print_adapters() {
                 boxes => format!("up to {boxes} boxes"),
             }
         );
-        stdout_line!("  streams:        {}", sizing(&adapter));
+        stdout_line!("  bundles:        {}", bundles(&adapter));
     }
 }
 
-/// The stream sizes and kernels calibrated for an adapter; measures them unless a calibration is cached.
+/// The size of bundles and the kernels calibrated for an adapter; measures them unless a calibration is cached.
 #[cfg(feature = "gpu")]
-fn sizing(adapter: &AdapterInfo) -> String {
+fn bundles(adapter: &AdapterInfo) -> String {
     let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
     let host = |bvh| calibration_host(bvh, SimdLevel::detect());
     let gpu = match (Gpu::open(&choice), super::cache::folder()) {
@@ -62,12 +61,9 @@ fn sizing(adapter: &AdapterInfo) -> String {
         (Ok(gpu), None) => gpu,
         (Err(error), _) => return format!("not calibrated: {error}"),
     };
-    match gpu.sizing() {
-        None => "not calibrated; using the paper's sizes".into(),
-        Some(Sizing { threshold, least, in_flight }) => format!(
-            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays stay on the CPU; kernels: {}",
-            gpu.variant()
-        ),
+    match gpu.bundle_rays() {
+        None => "not calibrated".into(),
+        Some(rays) => format!("{rays} rays a bundle; kernels: {}", gpu.variant()),
     }
 }
 

@@ -6,10 +6,9 @@ use crate::memory::MemoryBudget;
 use crate::picture::{afford, scene_file};
 use crate::scene::Scene;
 use crate::scene::load::LoadOptions;
-use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
+use crate::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 #[cfg(feature = "serve")]
 use crate::serve::SharedUnits;
-use crate::stream::DeviceTracer;
 use crate::trace::cpu::SimdLevel;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -74,7 +73,7 @@ impl Setup {
         }
         let service = Service::new(ServiceOptions {
             host_threads: host_threads(args),
-            dispatch_threads: dispatch_threads(&prepared.tracers),
+            device_thread: prepared.tracers.device.is_some(),
             max_jobs,
             sharing: Sharing::FirstIn,
             ..ServiceOptions::default()
@@ -88,13 +87,6 @@ impl Setup {
         let fault = self.units.idle_fault()?;
         Some(format!("--inject {fault}: the fault did not happen, because the GPU had fewer dispatches"))
     }
-}
-
-/// Dispatch threads that keep the GPU busy: as many as its measured sizes say, or RA's.
-fn dispatch_threads(tracers: &Tracers) -> usize {
-    let usual = ServiceOptions::default().dispatch_threads;
-    let of = |device: &Arc<dyn DeviceTracer>| device.sizing().map_or(usual, |sizing| sizing.in_flight);
-    tracers.device.as_ref().map_or(0, of)
 }
 
 /// Opens the units for all scenes of a process and starts the threads. At most `max_jobs` jobs run at a time, in fair

@@ -122,7 +122,7 @@ pub fn run(
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
     let service = |&host_threads| {
-        Service::new(ServiceOptions { host_threads, dispatch_threads: 0, ..ServiceOptions::default() })
+        Service::new(ServiceOptions { host_threads, device_thread: false, ..ServiceOptions::default() })
     };
     let services: Vec<Service> = options.threads.iter().map(service).collect::<Result<_, _>>()?;
     for &kind in &options.kinds {
