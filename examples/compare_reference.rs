@@ -55,7 +55,7 @@ type Blocks = Vec<[f64; 3]>;
 
 fn main() -> Result<ExitCode, Box<dyn Error>> {
     let folder = std::env::args().nth(1).ok_or("name the folder with the reference images")?;
-    let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
+    let service = Service::new(ServiceOptions::default().with_device_thread(false))?;
     let mut agree = true;
     for reference in &REFERENCES {
         agree &= compare(Path::new(&folder), reference, &service)?;

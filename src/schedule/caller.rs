@@ -66,17 +66,17 @@ impl Service {
         rays: usize,
         options: &JobOptions,
     ) -> Result<(Limits, Vec<String>), LimitsError> {
-        let (host_threads, dispatchers) = self.inner.threads();
+        let (host_threads, device_thread) = self.inner.threads();
         let (_, event) =
-            unit_used(tracers, tracers.device.as_ref().map_or("", |device| device.name()), dispatchers);
+            unit_used(tracers, tracers.device.as_ref().map_or("", |device| device.name()), device_thread);
         let demand = Demand {
             tiles: u64::from(rays > 0),
             tile_rays: rays.max(1),
             shadow_rays_per_ray: 0,
             most_in_flight: usize::MAX,
             host_threads,
-            dispatch_threads: 0,
-            device: None,
+            has_device: false,
+            bundle_rays: None,
         };
         Ok((Limits::derive(options, demand)?, event.into_iter().collect()))
     }

@@ -1,12 +1,17 @@
 //! One job under the scheduler's lock: its lists and its account, behind a trait that hides the payload types.
 
-use super::lists::Lists;
-use super::policy::Pace;
+use super::device_account::{BundleAccount, DeviceAccount};
+use super::limits::BUNDLE_STREAMS;
+use super::lists::{Lists, weight};
+use super::policy::{Pace, PathLengths};
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
-use super::task::{Done, SharedJob, Task, TaskSlot};
-use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
-use crate::stream::{Empty, RayStream, Untraced, paths};
+use super::task::{Done, Flight, SharedJob, Task, TaskSlot};
+use super::{
+    JobError, JobOptions, Limits, Load, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy,
+};
+use crate::stream::{DeviceReport, Empty, RayStream, Untraced, paths};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -17,7 +22,7 @@ pub(super) trait Job: Send {
     fn view(&self) -> View;
     /// Takes a task out of the lists and puts it into the thread's slot; returns about how many rays the task has.
     /// The view must allow the rule.
-    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64;
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize, load: Load) -> u64;
     /// Takes the finished task out of the thread's slot and returns its streams to the lists. Times count from the
     /// start of the service.
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64);
@@ -41,19 +46,28 @@ pub(super) trait Job: Send {
 /// What a task under way counts for.
 #[derive(Clone, Copy)]
 struct TaskAccount {
-    kind: TaskKind,
+    rule: Rule,
     /// Paths in flight in the task's streams, and those that it may spawn. 0 for a chunk, whose paths are counted with
     /// its stream.
     paths: usize,
     /// Rays and shadow rays in the task, for its record; 0 for a spawn task, whose rays are known at its end.
     rays: u64,
-    /// When a dispatched stream became full, if it had to wait.
-    full_ns: Option<u64>,
 }
 
 impl TaskAccount {
-    fn new(kind: TaskKind, paths: usize, rays: u64) -> Self {
-        Self { kind, paths, rays, full_ns: None }
+    fn new(rule: Rule, paths: usize, rays: u64) -> Self {
+        Self { rule, paths, rays }
+    }
+
+    /// What the timeline calls the task. What the device thread does is seen there as what the device does.
+    fn kind(&self) -> Option<TaskKind> {
+        match self.rule {
+            Rule::Spawn => Some(TaskKind::Spawn),
+            Rule::Shade => Some(TaskKind::Shade),
+            Rule::Trace | Rule::Flush => Some(TaskKind::Trace),
+            Rule::Resolve => Some(TaskKind::Resolve),
+            Rule::Submit | Rule::Wait => None,
+        }
     }
 }
 
@@ -77,8 +91,17 @@ pub(super) struct TypedJob<R: Renderer> {
     trace_ns: u64,
     /// How fast host threads shade.
     shading: Pace,
-    /// Of all dispatch threads.
-    dispatch_ns: u64,
+    /// Rays shaded, without shadow rays.
+    steps_shaded: u64,
+    /// Bundles with the device that no thread waits for, the first one first.
+    flights: VecDeque<Submitted<R::Payload, R::ShadowPayload>>,
+    /// Bundles with the device, and their rays.
+    on_device: (usize, u64),
+    /// Streams that the device thread has.
+    with_device_thread: usize,
+    /// The bundle that it waits for.
+    waited: Option<BundleAccount>,
+    device: DeviceAccount,
     progress: Progress,
     report: JobReport,
     keep_timeline: bool,
@@ -108,7 +131,12 @@ impl<R: Renderer> TypedJob<R> {
             busy_ns: vec![0; threads],
             trace_ns: 0,
             shading: Pace::default(),
-            dispatch_ns: 0,
+            steps_shaded: 0,
+            flights: VecDeque::new(),
+            on_device: (0, 0),
+            with_device_thread: 0,
+            waited: None,
+            device: DeviceAccount::default(),
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
                 stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
@@ -152,16 +180,11 @@ impl<R: Renderer> TypedJob<R> {
     }
 
     fn threshold(&self) -> usize {
-        policy::threshold(self.paths_left(), self.shared.hosts, self.has_device(), self.limits())
+        policy::threshold(self.paths_left(), self.shared.hosts, self.limits())
     }
 
     fn paths<State>(&self, stream: &RayStream<State, R::Payload, R::ShadowPayload>) -> usize {
         paths(stream.rays(), stream.shadow_rays(), self.limits().shadow_rays_per_path)
-    }
-
-    /// True if a device traces for this job.
-    fn has_device(&self) -> bool {
-        self.unit != Unit::Cpu
     }
 
     fn take(
@@ -169,6 +192,7 @@ impl<R: Renderer> TypedJob<R> {
         thread: usize,
         rule: Rule,
         size: TaskSize,
+        load: Load,
     ) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
         match rule {
             Rule::Spawn => {
@@ -178,7 +202,7 @@ impl<R: Renderer> TypedJob<R> {
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
                 let paths = self.paths(&output) + tile_rays;
-                (Task::Spawn { tile, output }, TaskAccount::new(TaskKind::Spawn, paths, 0))
+                (Task::Spawn { tile, output }, TaskAccount::new(rule, paths, 0))
             }
             Rule::Shade => {
                 let input = self.lists.next_to_shade(thread);
@@ -189,27 +213,42 @@ impl<R: Renderer> TypedJob<R> {
                 let rays = (rays + shadow_rays) as u64;
                 let most_rays = policy::most_rays(size, self.shading, self.limits());
                 let task = Task::Shade { input, output, threshold: self.threshold(), most_rays };
-                (task, TaskAccount::new(TaskKind::Shade, paths, rays))
+                (task, TaskAccount::new(rule, paths, rays))
             }
             Rule::Trace | Rule::Flush => {
-                let most = policy::chunk_rays(
-                    self.waiting_rays(),
-                    self.shared.hosts,
-                    self.has_device(),
-                    self.limits(),
-                );
+                let mut most = policy::chunk_rays(self.waiting_rays(), self.shared.hosts, self.limits());
+                if self.unit != Unit::Cpu && !self.device.is_known() {
+                    // Until it is known what the device does better, no thread is away for long.
+                    most = self.limits().chunk_rays;
+                }
                 let chunk = self
                     .lists
                     .next_chunk(most.min(policy::most_rays(size, self.tracing(), self.limits())), thread);
                 let rays = chunk.len() as u64;
-                (Task::Trace(chunk), TaskAccount::new(TaskKind::Trace, 0, rays))
+                (Task::Trace(chunk), TaskAccount::new(rule, 0, rays))
             }
-            Rule::Dispatch => {
-                let (stream, full_ns) = self.lists.next_to_dispatch(thread);
-                let rays = (stream.rays() + stream.shadow_rays()) as u64;
-                let paths = self.paths(&stream);
-                let account = TaskAccount { full_ns, ..TaskAccount::new(TaskKind::Dispatch, paths, rays) };
-                (Task::Dispatch(stream), account)
+            Rule::Resolve => {
+                let stream = self.lists.next_to_resolve();
+                let (paths, rays) = (self.paths(&stream), weight(&stream) as u64);
+                (Task::Resolve(stream), TaskAccount::new(rule, paths, rays))
+            }
+            Rule::Submit => {
+                // The first is small, so that it is soon known how fast the device is.
+                let most = if self.device.is_new() { 1 } else { BUNDLE_STREAMS };
+                let (bundle, full_ns) = self.lists.next_bundle(most, thread);
+                let paths = bundle.iter().map(|stream| self.paths(stream)).sum();
+                let rays = bundle.iter().map(|stream| weight(stream) as u64).sum();
+                self.on_device = (self.on_device.0 + 1, self.on_device.1 + rays);
+                self.device.full_ns = full_ns;
+                self.with_device_thread = bundle.len();
+                (Task::Submit(bundle), TaskAccount::new(rule, paths, rays))
+            }
+            Rule::Wait => {
+                let (flight, account) = self.flights.pop_front().expect("the device has a bundle");
+                self.waited = Some(account);
+                self.with_device_thread = flight.streams.len();
+                let task = TaskAccount::new(rule, account.paths, flight.rays);
+                (Task::Wait(flight, policy::wait_time(load)), task)
             }
         }
     }
@@ -226,7 +265,7 @@ impl<R: Renderer> TypedJob<R> {
         account: TaskAccount,
         done: Done<R::Payload, R::ShadowPayload>,
         thread: usize,
-        (start_ns, end_ns): (u64, u64),
+        end_ns: u64,
     ) -> u64 {
         match done {
             Done::Spawned { output, emitted } => {
@@ -239,6 +278,7 @@ impl<R: Renderer> TypedJob<R> {
             }
             Done::Shaded { input, output, emitted, depths } => {
                 self.report.depths += depths;
+                self.steps_shaded += depths.0.iter().sum::<u64>();
                 self.progress.rays.continuation += emitted.rays;
                 self.progress.rays.shadow += emitted.shadow_rays;
                 let rays_left = input.rays_left();
@@ -252,41 +292,116 @@ impl<R: Renderer> TypedJob<R> {
                 self.lists.put_back_chunk(chunk, thread);
                 account.rays
             }
-            Done::Dispatched { stream, report } => {
-                self.progress.gpu_rays += account.rays;
-                let gpu = &mut self.report.gpu;
-                gpu.bytes_copied += report.bytes_copied;
-                gpu.flagged += report.flagged;
-                gpu.retraced += report.retraced;
-                gpu.masked += report.masked;
-                gpu.checked += report.checked;
-                gpu.sending_s += report.sending_ns as f64 * 1e-9;
-                gpu.waiting_s += report.waiting_ns as f64 * 1e-9;
-                let waited_ns = account.full_ns.map_or(0, |full_ns| start_ns.saturating_sub(full_ns));
-                let waits = &mut self.report.device_waits;
-                waits.full_to_dispatched.record(waited_ns + report.sending_ns);
-                waits.dispatched_to_readable.record(report.waiting_ns);
-                self.lists.put_back_dispatched(stream, thread);
-                account.rays
-            }
-            Done::Undispatched(Untraced { stream, reason }) => {
-                self.lists.put_back_untraced(stream, (thread, end_ns));
-                if self.has_device() {
-                    self.unit = Unit::Cpu;
-                    let device = &self.shared.device_name;
-                    self.report.events.push(format!(
-                        "{device} failed ({reason}); the job goes on without it, with the same result"
-                    ));
-                }
-                0
-            }
             Done::Panicked(message) => {
                 self.abandon(JobError::Panicked { job: self.report.name.clone(), message });
                 account.rays
             }
+            done => self.put_back_of_device(account, done, thread, end_ns),
+        }
+    }
+
+    /// [`TypedJob::put_back`] for what a device had.
+    fn put_back_of_device(
+        &mut self,
+        account: TaskAccount,
+        done: Done<R::Payload, R::ShadowPayload>,
+        thread: usize,
+        end_ns: u64,
+    ) -> u64 {
+        match done {
+            Done::Resolved { stream, report } => {
+                self.progress.gpu_rays += account.rays;
+                self.count_device(report);
+                self.lists.put_back_resolved(stream, thread);
+                account.rays
+            }
+            Done::Unresolved(Untraced { stream, reason }) => {
+                self.lists.put_back_untraced(stream, (thread, end_ns));
+                self.lose_device(&reason);
+                0
+            }
+            Done::Submitted(flight) => {
+                for full_ns in std::mem::take(&mut self.device.full_ns) {
+                    let waited_ns = end_ns.saturating_sub(full_ns);
+                    self.report.device_waits.full_to_dispatched.record(waited_ns);
+                }
+                let bundle = BundleAccount {
+                    paths: account.paths,
+                    submitted_ns: end_ns,
+                    ahead: self.on_device.1 - account.rays,
+                };
+                self.flights.push_back((flight, bundle));
+                account.rays
+            }
+            Done::Waited(flight) => {
+                let bundle = self.waited.take().expect("a bundle is waited for");
+                self.flights.push_front((flight, bundle));
+                0
+            }
+            Done::Answered(streams) => {
+                let bundle = self.waited.take().expect("a bundle is waited for");
+                self.on_device = (self.on_device.0 - 1, self.on_device.1 - account.rays);
+                for _ in &streams {
+                    let readable_ns = end_ns - bundle.submitted_ns;
+                    self.report.device_waits.dispatched_to_readable.record(readable_ns);
+                }
+                self.count_bundle(account.rays, bundle, thread, end_ns);
+                streams.into_iter().for_each(|stream| self.lists.put_back_answered(stream));
+                0
+            }
+            Done::Untraced { streams, reason } => {
+                self.waited = None;
+                self.on_device = (self.on_device.0 - 1, self.on_device.1 - account.rays);
+                for stream in streams {
+                    self.lists.put_back_untraced(stream, (thread, end_ns));
+                }
+                self.lose_device(&reason);
+                0
+            }
+            _ => unreachable!("other tasks know no device"),
+        }
+    }
+
+    /// Counts what it took to make a stream's answers.
+    fn count_device(&mut self, report: DeviceReport) {
+        let gpu = &mut self.report.gpu;
+        gpu.bytes_copied += report.bytes_copied;
+        gpu.flagged += report.flagged;
+        gpu.retraced += report.retraced;
+        gpu.masked += report.masked;
+        gpu.checked += report.checked;
+    }
+
+    /// Counts a bundle that the device has traced.
+    fn count_bundle(&mut self, rays: u64, bundle: BundleAccount, thread: usize, end_ns: u64) {
+        let start_ns = self.device.note(rays, bundle, end_ns);
+        self.report.gpu.busy_s += (end_ns - start_ns) as f64 * 1e-9;
+        self.report.gpu.waiting_s += (end_ns - bundle.submitted_ns) as f64 * 1e-9;
+        self.record(thread, TaskKind::Dispatch, rays, (start_ns, end_ns));
+    }
+
+    /// Goes on without the device.
+    fn lose_device(&mut self, reason: &str) {
+        if self.unit != Unit::Cpu {
+            self.unit = Unit::Cpu;
+            let device = &self.shared.device_name;
+            self.report.events.push(format!(
+                "{device} failed ({reason}); the job goes on without it, with the same result"
+            ));
+        }
+    }
+
+    fn record(&mut self, thread: usize, kind: TaskKind, rays: u64, (start_ns, end_ns): (u64, u64)) {
+        if self.keep_timeline {
+            let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
+            let lists = self.lengths();
+            self.report.timeline.push(TaskRecord { thread, kind, rays, start_ns, end_ns, lists });
         }
     }
 }
+
+/// A bundle and its account.
+type Submitted<P, S> = (Flight<P, S>, BundleAccount);
 
 impl<R: Renderer> Job for TypedJob<R> {
     fn view(&self) -> View {
@@ -302,22 +417,35 @@ impl<R: Renderer> Job for TypedJob<R> {
             trace_rays: self.lists.trace_rays(),
             waiting_rays: self.waiting_rays(),
             slot: self.lists.slot(),
+            answered: self.lists.answered(),
             shade: self.lists.shade(),
-            tasks: self.tasks,
+            tasks: self.tasks + self.flights.len(),
             cpu: self.tracing(),
-            gpu: Pace { rays: self.progress.gpu_rays, ns: self.dispatch_ns },
+            shading: self.shading,
+            device: self.device.view(),
+            bundle_rays: self.limits().bundle_rays,
+            on_device: self.on_device.0,
+            on_device_rays: self.on_device.1,
+            waits_since_ns: self.flights.front().map(|(_, bundle)| bundle.submitted_ns),
+            paths_left: self.paths_left(),
+            lengths: PathLengths {
+                shaded: self.steps_shaded,
+                continued: self.progress.rays.continuation,
+                rays: self.progress.rays.camera + self.progress.rays.continuation,
+                shadow_rays: self.progress.rays.shadow,
+            },
         }
     }
 
-    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64 {
-        let (task, account) = self.take(thread, rule, size);
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize, load: Load) -> u64 {
+        let (task, account) = self.take(thread, rule, size, load);
         assert!(self.in_flight <= self.limits().in_flight, "no more than N paths are in flight");
         self.report.max_in_flight = self.report.max_in_flight.max(self.in_flight);
         self.tasks += 1;
         let former = self.accounts[thread].replace(account);
         assert!(former.is_none(), "a thread has one task at a time");
         self.shared.swap_slot(thread, TaskSlot::Task(task));
-        account.rays.max(account.paths as u64)
+        if rule == Rule::Wait { 0 } else { account.rays.max(account.paths as u64) }
     }
 
     fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64) {
@@ -329,26 +457,19 @@ impl<R: Renderer> Job for TypedJob<R> {
         self.tasks -= 1;
         let ns = end_ns - start_ns;
         self.busy_ns[thread] += ns;
-        match account.kind {
-            TaskKind::Trace => self.trace_ns += ns,
-            TaskKind::Dispatch => self.dispatch_ns += ns,
-            TaskKind::Spawn | TaskKind::Shade => {}
+        let rays = self.put_back(account, done, thread, end_ns);
+        match account.rule {
+            Rule::Trace | Rule::Flush => self.trace_ns += ns,
+            Rule::Shade => self.shading += Pace { rays, ns },
+            Rule::Resolve => self.device.resolving += Pace { rays, ns },
+            Rule::Submit => {
+                self.device.submitted += 1;
+                self.device.submitting_ns += ns;
+            }
+            Rule::Spawn | Rule::Wait => {}
         }
-        let rays = self.put_back(account, done, thread, (start_ns, end_ns));
-        if account.kind == TaskKind::Shade {
-            self.shading += Pace { rays, ns };
-        }
-        if self.keep_timeline {
-            let (thread, rays) = (thread as u32, rays.min(u64::from(u32::MAX)) as u32);
-            let lists = self.lengths();
-            self.report.timeline.push(TaskRecord {
-                thread,
-                kind: account.kind,
-                rays,
-                start_ns,
-                end_ns,
-                lists,
-            });
+        if let Some(kind) = account.kind() {
+            self.record(thread, kind, rays, (start_ns, end_ns));
         }
     }
 
@@ -367,7 +488,9 @@ impl<R: Renderer> Job for TypedJob<R> {
     }
 
     fn is_over(&self) -> bool {
-        self.tasks == 0 && (self.ended.is_some() || (self.all_spawned() && self.in_flight == 0))
+        self.tasks == 0
+            && self.flights.is_empty()
+            && (self.ended.is_some() || (self.all_spawned() && self.in_flight == 0))
     }
 
     fn progress(&self) -> Progress {
@@ -395,7 +518,8 @@ impl<R: Renderer> Job for TypedJob<R> {
         };
         report.shading = self.shading;
         report.gpu.rays = self.progress.gpu_rays;
-        report.gpu.busy_s = self.dispatch_ns as f64 * 1e-9;
+        report.gpu.sending_s = self.device.submitting_ns as f64 * 1e-9;
+        report.gpu.resolving_s = self.device.resolving.ns as f64 * 1e-9;
         report.threads = self
             .busy_ns
             .iter()
@@ -423,12 +547,19 @@ impl<R: Renderer> Job for TypedJob<R> {
             return;
         }
         let with_tasks: usize = self.accounts.iter().flatten().map(|account| account.paths).sum();
-        let with_threads = self.accounts.iter().flatten().map(|account| match account.kind {
-            TaskKind::Shade => 2,
-            TaskKind::Spawn | TaskKind::Dispatch => 1,
-            TaskKind::Trace => 0,
+        let with_device: usize = self.flights.iter().map(|(_, bundle)| bundle.paths).sum();
+        let with_threads = self.accounts.iter().flatten().map(|account| match account.rule {
+            Rule::Shade => 2,
+            Rule::Spawn | Rule::Resolve => 1,
+            Rule::Submit | Rule::Wait => self.with_device_thread,
+            Rule::Trace | Rule::Flush => 0,
         });
-        assert_eq!(streams + with_threads.sum::<usize>(), self.lists.made(), "streams are conserved");
-        assert_eq!(in_lists + with_tasks, self.in_flight, "paths are conserved");
+        let on_device: usize = self.flights.iter().map(|(flight, _)| flight.streams.len()).sum();
+        let out = with_threads.sum::<usize>() + on_device;
+        assert_eq!(streams + out, self.lists.made(), "streams are conserved");
+        assert_eq!(in_lists + with_tasks + with_device, self.in_flight, "paths are conserved");
+        let flights =
+            self.flights.len() + self.accounts.iter().flatten().filter(|a| a.kind().is_none()).count();
+        assert_eq!(self.on_device.0, flights, "bundles are counted");
     }
 }

@@ -2,17 +2,19 @@
 //! 42 streams of 27k rays, a threshold of 11k, chunks of 1024, batches of 8192 and tiles of 16k rays.
 
 use super::{JobOptions, policy};
-use crate::stream::{Capacity, Sizing};
+use crate::stream::Capacity;
 
-/// RA's N: paths in flight that keep the CPU and the GPU of a laptop busy.
-const IN_FLIGHT: usize = 256 * 1024;
-/// RA's threshold of NEEDMORE: the fewest rays that its GPU traces efficiently.
-const DEVICE_THRESHOLD: usize = 11 * 1024;
-/// The threshold for host threads alone.
+/// The threshold: what one of a core's own caches holds.
 const HOST_THRESHOLD: usize = 16 * 1024;
-/// N for each host thread without a device. Rays should still be in one of the caches when they are traced, and when
+/// N for each host thread. Rays should still be in one of the caches when they are traced, and when
 /// they are shaded; a path in flight takes 80 to 130 bytes.
 const HOST_IN_FLIGHT: usize = 4 * HOST_THRESHOLD;
+/// Rays of a bundle for a device that has not been measured.
+const BUNDLE_RAYS: usize = 4 * HOST_THRESHOLD;
+/// Bundles for which a job with a device has more paths in flight: two are with the device, one is being filled.
+const BUNDLES: usize = 3;
+/// The most streams of a bundle.
+pub(super) const BUNDLE_STREAMS: usize = 16;
 /// No size is larger than this, so that no product of two sizes overflows.
 const MOST: usize = 1 << 28;
 
@@ -28,7 +30,7 @@ pub struct Limits {
     pub tile_rays: usize,
     /// The most rays of a batch.
     pub batch_rays: usize,
-    /// Rays that a host thread traces at once for a job with a device, and the fewest otherwise.
+    /// The fewest rays that a host thread traces at once, where there are as many.
     pub chunk_rays: usize,
     /// The most rays that a host thread traces at once.
     pub chunk_rays_most: usize,
@@ -40,6 +42,8 @@ pub struct Limits {
     pub stream: Capacity,
     /// True if the threshold becomes smaller at the tail.
     pub shrink_streams: bool,
+    /// Rays and shadow rays from which a bundle for the device is full.
+    pub bundle_rays: usize,
     /// The most streams that the job has at any time. As many as this always suffice (README, "Why there is always an
     /// output stream").
     pub streams: usize,
@@ -54,42 +58,29 @@ pub(super) struct Demand {
     /// [`super::Renderer::most_in_flight`].
     pub most_in_flight: usize,
     pub host_threads: usize,
-    /// 0 for a job without a device.
-    pub dispatch_threads: usize,
-    /// The device's measured sizes.
-    pub device: Option<Sizing>,
+    /// True if the job has a device.
+    pub has_device: bool,
+    /// The rays of a bundle, if the device has been measured.
+    pub bundle_rays: Option<usize>,
 }
 
 impl Demand {
-    /// Paths from which a stream counts as full, by default.
+    /// Paths from which a stream counts as full, by default. A small job still has a few streams for each thread.
     fn threshold(self, options: &JobOptions) -> usize {
-        let Self { tiles, tile_rays, host_threads, dispatch_threads, device, .. } = self;
-        let paths = tiles.saturating_mul(tile_rays as u64);
-        if let Some(device) = device.filter(|_| dispatch_threads > 0) {
-            // A small job still has a few streams for every thread, if they are worth a dispatch.
-            let share = paths / (host_threads + 2 * dispatch_threads) as u64;
-            device.threshold.min((share as usize).max(device.least))
-        } else if dispatch_threads > 0 {
-            DEVICE_THRESHOLD
-        } else {
-            // A small job still has a few streams for each thread.
-            let share = paths / (4 * host_threads as u64);
-            share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
-        }
+        let Self { tiles, tile_rays, host_threads, .. } = self;
+        let share = tiles.saturating_mul(tile_rays as u64) / (4 * host_threads as u64);
+        share.clamp(options.chunk_rays as u64, HOST_THRESHOLD.max(options.chunk_rays) as u64) as usize
     }
 
     /// N, by default, if the renderer has memory for as many paths.
     fn in_flight(self, threshold: usize) -> usize {
-        let Self { tile_rays, host_threads, dispatch_threads, device, .. } = self;
-        let paths = if dispatch_threads == 0 {
-            HOST_IN_FLIGHT.max(threshold.saturating_mul(2)).saturating_mul(host_threads)
-        } else {
-            // A stream for each thread that traces. Dispatch threads of a measured device have one more, which is full
-            // when they come back.
-            let streams = host_threads + if device.is_some() { 2 * dispatch_threads } else { 0 };
-            IN_FLIGHT.max(threshold.saturating_mul(streams))
-        };
-        paths.max(tile_rays).min(MOST)
+        let paths = HOST_IN_FLIGHT.max(threshold.saturating_mul(2)).saturating_mul(self.host_threads);
+        let bundles = if self.has_device { BUNDLES.saturating_mul(self.bundle_rays()) } else { 0 };
+        paths.saturating_add(bundles).max(self.tile_rays).min(MOST)
+    }
+
+    fn bundle_rays(self) -> usize {
+        self.bundle_rays.unwrap_or(BUNDLE_RAYS).max(1)
     }
 }
 
@@ -132,7 +123,7 @@ pub enum LimitsError {
 
 impl Limits {
     pub(super) fn derive(options: &JobOptions, demand: Demand) -> Result<Self, LimitsError> {
-        let Demand { tile_rays, shadow_rays_per_ray, host_threads, dispatch_threads, .. } = demand;
+        let Demand { tile_rays, shadow_rays_per_ray, host_threads, has_device, .. } = demand;
         let shadow_rays_per_path = shadow_rays_per_ray.max(1);
         let threshold = options.threshold.unwrap_or_else(|| demand.threshold(options));
         let in_flight = options.in_flight.unwrap_or_else(|| demand.in_flight(threshold));
@@ -170,14 +161,15 @@ impl Limits {
             shadow_rays_per_path,
             shrink_streams: options.shrink_streams,
             stream,
-            streams: streams_needed(in_flight, threshold, host_threads, dispatch_threads),
+            bundle_rays: demand.bundle_rays(),
+            streams: streams_needed(in_flight, threshold, host_threads, has_device),
         };
-        limits.check(host_threads, dispatch_threads);
+        limits.check(host_threads, has_device);
         Ok(limits)
     }
 
     /// Asserts what the rest of the scheduler relies on.
-    fn check(&self, host_threads: usize, dispatch_threads: usize) {
+    fn check(&self, host_threads: usize, has_device: bool) {
         let below = self.threshold - 1;
         let step = self.tile_rays.max(self.batch_rays);
         assert!(below + step <= self.stream.rays, "NEEDMORE has room for a tile or a batch");
@@ -185,7 +177,7 @@ impl Limits {
         let most = below * self.shadow_rays_per_path;
         assert!(most + shadows <= self.stream.shadow_rays, "and for its shadow rays");
         assert!(self.tile_rays <= self.in_flight, "an idle job can spawn");
-        let needed = streams_needed(self.in_flight, self.threshold, host_threads, dispatch_threads);
+        let needed = streams_needed(self.in_flight, self.threshold, host_threads, has_device);
         assert!(self.streams >= needed, "there is always an output stream");
         assert!(self.chunk_rays <= self.chunk_rays_most, "the smallest chunk is not larger than the largest");
     }
@@ -198,10 +190,10 @@ impl Limits {
             shadow_rays_per_ray: 1,
             most_in_flight: usize::MAX,
             host_threads: 7,
-            dispatch_threads: 4,
-            device: None,
+            has_device: true,
+            bundle_rays: None,
         };
-        Self::derive(&JobOptions::default(), demand).expect("the paper's own sizes")
+        Self::derive(&JobOptions::default(), demand).expect("the default sizes fit each other")
     }
 }
 
@@ -214,10 +206,10 @@ fn in_range(sizes: &[(&'static str, usize)]) -> Result<(), LimitsError> {
 }
 
 /// How many streams suffice: the README proves that no more than these are in use ("Why there is always an output
-/// stream"), for N paths in flight, threshold T, H host threads and D dispatch threads.
-fn streams_needed(in_flight: usize, threshold: usize, host_threads: usize, dispatch_threads: usize) -> usize {
+/// stream"), for N paths in flight, threshold T and H host threads.
+fn streams_needed(in_flight: usize, threshold: usize, host_threads: usize, has_device: bool) -> usize {
     let full = (in_flight / threshold).max(policy::TAIL_STREAMS * host_threads);
-    let flushed = host_threads + dispatch_threads;
+    let flushed = if has_device { 2 * host_threads } else { host_threads };
     let (outputs, begun) = (host_threads, host_threads);
     full + flushed + outputs + begun
 }
@@ -227,13 +219,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_papers_sizes_come_out() {
+    fn a_laptops_sizes_come_out() {
         let limits = Limits::for_tests();
-        assert_eq!((limits.in_flight, limits.threshold), (256 * 1024, 11 * 1024));
+        assert_eq!((limits.in_flight, limits.threshold), ((7 + 3) * 64 * 1024, 16 * 1024));
         assert_eq!((limits.batch_rays, limits.chunk_rays), (8192, 1024));
-        assert_eq!(limits.stream.rays, 27 * 1024 - 1);
-        // RA has 42. The bound proved here also counts flushed streams, and smaller ones at the tail.
-        assert_eq!(limits.streams, 28 + (7 + 4) + 7 + 7);
+        assert_eq!(limits.stream.rays, 32 * 1024 - 1);
+        // RA has 42 for 256k paths. The bound proved here also counts flushed streams, and smaller ones at the tail.
+        assert_eq!(limits.streams, 40 + (7 + 7) + 7 + 7);
     }
 
     fn small() -> Demand {
@@ -243,26 +235,23 @@ mod tests {
             shadow_rays_per_ray: 0,
             most_in_flight: usize::MAX,
             host_threads: 4,
-            dispatch_threads: 0,
-            device: None,
+            has_device: false,
+            bundle_rays: None,
         }
     }
 
     #[test]
-    fn a_measured_device_gets_its_sizes_unless_options_say_otherwise() {
-        let device = Sizing { threshold: 256 * 1024, least: 2048, in_flight: 4 };
-        let demand = Demand { tiles: 10_000, dispatch_threads: 4, device: Some(device), ..small() };
-        let limits = Limits::derive(&JobOptions::default(), demand).unwrap();
-        assert_eq!((limits.threshold, limits.in_flight), (256 * 1024, 12 * 256 * 1024));
+    fn a_device_takes_streams_of_the_hosts_size_in_bundles_of_its_own() {
+        let demand = Demand { tiles: 10_000, ..small() };
+        let alone = Limits::derive(&JobOptions::default(), demand).unwrap();
+        let bundle_rays = Some(200_000);
+        let both = Limits::derive(&JobOptions::default(), Demand { has_device: true, bundle_rays, ..demand })
+            .unwrap();
+        assert_eq!((both.threshold, both.stream), (alone.threshold, alone.stream));
+        assert_eq!((both.in_flight, both.bundle_rays), (alone.in_flight + 3 * 200_000, 200_000));
         let told = JobOptions { threshold: Some(5000), in_flight: Some(100_000), ..JobOptions::default() };
-        let limits = Limits::derive(&told, demand).unwrap();
+        let limits = Limits::derive(&told, Demand { has_device: true, ..demand }).unwrap();
         assert_eq!((limits.threshold, limits.in_flight), (5000, 100_000));
-        // Small jobs.
-        let threshold = |tiles| {
-            let demand = Demand { tiles, tile_rays: 1000, ..demand };
-            Limits::derive(&JobOptions::default(), demand).unwrap().threshold
-        };
-        assert_eq!((threshold(120), threshold(1)), (10_000, 2048));
     }
 
     #[test]
@@ -303,8 +292,8 @@ mod tests {
             shadow_rays_per_ray: 1,
             most_in_flight: usize::MAX,
             host_threads: 1,
-            dispatch_threads: 1,
-            device: None,
+            has_device: true,
+            bundle_rays: None,
         };
         let refused = |options: JobOptions, demand| Limits::derive(&options, demand).unwrap_err();
         let few = JobOptions { in_flight: Some(99), ..JobOptions::default() };

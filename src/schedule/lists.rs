@@ -1,7 +1,8 @@
 //! The four lists and the job slot of one job: where streams are while no thread has them.
 
 use super::Limits;
-use crate::stream::{Chunk, Empty, Filling, Full, RayStream, Traced, TracedChunk, Tracing, paths};
+use super::limits::BUNDLE_STREAMS;
+use crate::stream::{Answered, Chunk, Empty, Filling, Full, RayStream, Traced, TracedChunk, Tracing, paths};
 use std::collections::VecDeque;
 
 /// EMPTY, NEEDMORE, TRACE, the job slot and SHADE. All but TRACE are stacks, because the stream used last is still in
@@ -18,6 +19,8 @@ pub(super) struct Lists<P, S> {
     slot: Option<RayStream<Tracing, P, S>>,
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
+    /// Streams that the device has traced and that are not resolved.
+    answered: VecDeque<RayStream<Answered, P, S>>,
     /// Streams of SHADE that have not been shaded at all.
     shade: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams of SHADE that have been shaded in part. They are taken before all others, so they are few.
@@ -62,6 +65,7 @@ impl<P, S> Lists<P, S> {
             trace_rays: 0,
             slot: None,
             handed_out: Vec::with_capacity(limits.streams),
+            answered: VecDeque::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
             begun: Vec::with_capacity(limits.streams),
             made,
@@ -78,6 +82,10 @@ impl<P, S> Lists<P, S> {
 
     pub fn slot(&self) -> bool {
         self.slot.is_some()
+    }
+
+    pub fn answered(&self) -> usize {
+        self.answered.len()
     }
 
     pub fn shade(&self) -> usize {
@@ -196,20 +204,47 @@ impl<P, S> Lists<P, S> {
         }
     }
 
-    /// The next stream for the device, from TRACE or else from NEEDMORE, and when it entered TRACE.
+    /// The next bundle for the device, of at most `most` streams: the oldest of TRACE until it is full, or else the
+    /// fullest of NEEDMORE. Tells when each entered TRACE.
     ///
     /// # Panics
     /// If both are empty.
-    pub fn next_to_dispatch(&mut self, thread: usize) -> (RayStream<Full, P, S>, Option<u64>) {
-        if let Some(Waiting { stream, since_ns, .. }) = self.trace.pop_front() {
-            self.trace_rays -= weight(&stream);
-            return (stream, Some(since_ns));
+    pub fn next_bundle(&mut self, most: usize, thread: usize) -> (Vec<RayStream<Full, P, S>>, Vec<u64>) {
+        let (mut bundle, mut since, mut rays) = (Vec::new(), Vec::new(), 0);
+        let flushes = self.trace.is_empty();
+        while rays < self.limits.bundle_rays && bundle.len() < most.min(BUNDLE_STREAMS) {
+            let stream = if flushes {
+                self.flush(thread)
+            } else {
+                self.trace.pop_front().map(|Waiting { stream, since_ns, .. }| {
+                    self.trace_rays -= weight(&stream);
+                    since.push(since_ns);
+                    stream
+                })
+            };
+            let Some(stream) = stream else { break };
+            rays += weight(&stream);
+            bundle.push(stream);
         }
-        (self.flush(thread).expect("there is a stream to dispatch"), None)
+        assert!(!bundle.is_empty(), "there is a stream for the device");
+        (bundle, since)
     }
 
-    /// Puts a stream back that the device has traced.
-    pub fn put_back_dispatched(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
+    /// Puts a stream back for which the device has written what its answers are made of.
+    pub fn put_back_answered(&mut self, stream: RayStream<Answered, P, S>) {
+        self.answered.push_back(stream);
+    }
+
+    /// The next stream to resolve.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn next_to_resolve(&mut self) -> RayStream<Answered, P, S> {
+        self.answered.pop_front().expect("the device has traced a stream")
+    }
+
+    /// Puts a stream back that has been resolved.
+    pub fn put_back_resolved(&mut self, stream: RayStream<Traced, P, S>, thread: usize) {
         self.shade.push(Used { stream, thread });
     }
 
@@ -231,11 +266,12 @@ impl<P, S> Lists<P, S> {
 
     /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
-        let Self { empty, need_more, trace, slot, handed_out, shade, begun, .. } = self;
+        let Self { empty, need_more, trace, slot, handed_out, answered, shade, begun, .. } = self;
         let mut empty: Vec<_> = empty.into_iter().map(|used| used.stream).collect();
         empty.extend(need_more.into_iter().map(|used| used.stream.discard()));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
+        empty.extend(answered.into_iter().map(RayStream::discard));
         empty.extend(shade.into_iter().chain(begun).map(|used| used.stream.discard()));
         empty
     }
@@ -248,6 +284,7 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.need_more.iter().map(|s| weigh(s.stream.rays(), s.stream.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.answered.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.stream.rays_left(), s.stream.shadow_rays_left())));
         assert_eq!(
@@ -260,7 +297,7 @@ impl<P, S> Lists<P, S> {
 }
 
 /// Rays and shadow rays of a stream.
-fn weight<State, P, S>(stream: &RayStream<State, P, S>) -> usize {
+pub(super) fn weight<State, P, S>(stream: &RayStream<State, P, S>) -> usize {
     stream.rays() + stream.shadow_rays()
 }
 

@@ -8,6 +8,7 @@
 mod borrowed;
 mod caller;
 mod control;
+mod device_account;
 mod handle;
 mod head_start;
 mod interactive;

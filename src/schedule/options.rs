@@ -18,8 +18,8 @@ use std::sync::Arc;
 pub struct ServiceOptions {
     /// Threads that spawn, shade and trace; at least 1. As many as there are workers with [`Self::rayon_pool`].
     pub host_threads: usize,
-    /// Threads that wait for devices. 0 if no job will have a device.
-    pub dispatch_threads: usize,
+    /// True if there is a thread that submits to devices and waits for them. Without it no job has a device.
+    pub device_thread: bool,
     /// The most jobs that run at the same time, at least 1; others are queued. Bounds memory. Queries and interactive
     /// jobs do not count.
     pub max_jobs: usize,
@@ -34,12 +34,12 @@ pub struct ServiceOptions {
 }
 
 impl Default for ServiceOptions {
-    /// A host thread for every hardware thread, RA's four dispatch threads, four jobs at the same time and 32 queries.
+    /// A host thread for every hardware thread, a device thread, four jobs at the same time and 32 queries.
     fn default() -> Self {
         let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
             host_threads,
-            dispatch_threads: 4,
+            device_thread: true,
             max_jobs: 4,
             max_queries: 32,
             sharing: Sharing::Fair,
@@ -54,9 +54,9 @@ impl ServiceOptions {
         Self { host_threads, ..self }
     }
 
-    /// Sets [`Self::dispatch_threads`].
-    pub fn with_dispatch_threads(self, dispatch_threads: usize) -> Self {
-        Self { dispatch_threads, ..self }
+    /// Sets [`Self::device_thread`].
+    pub fn with_device_thread(self, device_thread: bool) -> Self {
+        Self { device_thread, ..self }
     }
 
     /// Sets [`Self::max_jobs`].
@@ -113,18 +113,16 @@ pub struct JobOptions {
     pub priority: Priority,
     /// N, the most paths in flight.
     ///
-    /// Default without a device: 64k for each host thread, or twice `threshold` if that is more. Default with a device:
-    /// RA's 256k, or as many full streams as threads trace them if that is more. Never fewer than a tile's, nor more
-    /// than the renderer has memory for ([`super::Renderer::most_in_flight`]).
+    /// Default: 64k for each host thread, or twice `threshold` if that is more; with a device, three bundles more.
+    /// Never fewer than a tile's, nor more than the renderer has memory for ([`super::Renderer::most_in_flight`]).
     pub in_flight: Option<usize>,
     /// Paths from which a stream counts as full.
     ///
-    /// Default without a device: 16k, less for small jobs. Default with a device: its measured size
-    /// ([`DeviceTracer::sizing`]), less for small jobs, or RA's 11k if the device has not been measured.
+    /// Default: 16k, less for small jobs. A device takes several streams at once ([`DeviceTracer::bundle_rays`]).
     pub threshold: Option<usize>,
     /// The most rays of a batch (RA: 8192).
     pub batch_rays: usize,
-    /// Rays that a host thread traces at once for a job with a device, and the fewest otherwise (RA: 1024).
+    /// The fewest rays that a host thread traces at once, where there are as many (RA: 1024).
     pub chunk_rays: usize,
     /// The most rays that a host thread traces at once.
     pub chunk_rays_most: usize,

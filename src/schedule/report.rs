@@ -98,8 +98,7 @@ impl std::ops::AddAssign for Depths {
 pub struct UnitReport {
     /// Rays and shadow rays traced.
     pub rays: u64,
-    /// Seconds spent tracing, added up over threads. For a device these are seconds of dispatch threads, which include
-    /// the canonical test of the device's candidates on the CPU.
+    /// Seconds spent tracing, added up over threads. For a device, seconds in which it had a bundle.
     pub busy_s: f64,
     /// Bytes copied between host and device memory.
     pub bytes_copied: u64,
@@ -111,10 +110,12 @@ pub struct UnitReport {
     pub masked: u64,
     /// Rays that the CPU traced again to check the device.
     pub checked: u64,
-    /// Seconds of `busy_s` until streams were submitted to the device.
+    /// Seconds in which the device thread submitted bundles.
     pub sending_s: f64,
-    /// Seconds of `busy_s` from the submissions until answers could be read.
+    /// Seconds from the submission of bundles until they were traced, added up over bundles.
     pub waiting_s: f64,
+    /// Seconds in which host threads made answers of what the device had written.
+    pub resolving_s: f64,
 }
 
 /// What kind of thread.
@@ -123,8 +124,8 @@ pub struct UnitReport {
 pub enum ThreadKind {
     /// Spawns, shades and traces.
     Host,
-    /// Waits for a device.
-    Dispatch,
+    /// Submits bundles to devices and waits for them.
+    Device,
     /// The thread that asked a query and traced it itself ([`JobOptions::caller_rays`]).
     Caller,
 }
@@ -132,7 +133,7 @@ pub enum ThreadKind {
 impl ThreadKind {
     /// The kind of a thread of a service, whose first `hosts` threads are host threads.
     pub(super) fn of(thread: usize, hosts: usize) -> Self {
-        if thread < hosts { Self::Host } else { Self::Dispatch }
+        if thread < hosts { Self::Host } else { Self::Device }
     }
 }
 
@@ -159,18 +160,20 @@ pub enum TaskKind {
     Shade,
     /// Tracing a chunk on a host thread.
     Trace,
-    /// Tracing a stream on the device.
+    /// Tracing a bundle on the device: from the answer before, or from the bundle's submission if that was later.
     Dispatch,
+    /// Making the answers of a stream that the device has traced.
+    Resolve,
 }
 
 /// One task of a timeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TaskRecord {
-    /// Index of the thread; host threads come first.
+    /// Index of the thread; the device thread comes last.
     pub thread: u32,
     /// What the thread did.
     pub kind: TaskKind,
-    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch) or shaded (shade).
+    /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch), resolved or shaded.
     pub rays: u32,
     /// When the task began, in nanoseconds since the job began.
     pub start_ns: u64,
@@ -217,7 +220,7 @@ pub struct JobReport {
     pub device_waits: DeviceWaits,
     /// How fast host threads shaded, shadow rays included.
     pub shading: Pace,
-    /// Host threads, then dispatch threads; or the calling thread alone, if it has traced the query itself.
+    /// Host threads, then the device thread; or the calling thread alone, if it has traced the query itself.
     pub threads: Vec<ThreadReport>,
     /// When the job was admitted, in nanoseconds since the service began.
     pub begin_ns: u64,

@@ -40,7 +40,7 @@ pub enum ServiceError {
 /// stack, which overflows the usual 2 MiB. Address space only: pages are committed when they are first touched.
 pub(super) const STACK_BYTES: usize = 16 << 20;
 
-/// Runs jobs: frames of any integrator, batches of ray queries. Its host and dispatch threads are started once and
+/// Runs jobs: frames of any integrator, batches of ray queries. Its threads are started once and
 /// shared by all jobs. The service may be shared between threads. Dropping it cancels all jobs and waits for its
 /// threads.
 ///
@@ -97,9 +97,9 @@ pub(super) struct Inner {
 
 impl std::fmt::Debug for Service {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (hosts, dispatchers) = self.inner.threads();
+        let (hosts, device_thread) = self.inner.threads();
         let mut fields = f.debug_struct("Service");
-        fields.field("host_threads", &hosts).field("dispatch_threads", &dispatchers).finish_non_exhaustive()
+        fields.field("host_threads", &hosts).field("device_thread", &device_thread).finish_non_exhaustive()
     }
 }
 
@@ -109,13 +109,13 @@ impl Service {
     /// # Errors
     /// [`ServiceError`] when a number is zero or the operating system refuses a thread.
     pub fn new(options: ServiceOptions) -> Result<Self, ServiceError> {
-        let &ServiceOptions { host_threads, dispatch_threads, max_jobs, max_queries, .. } = &options;
+        let &ServiceOptions { host_threads, device_thread, max_jobs, max_queries, .. } = &options;
         let needed =
             [(host_threads, "host thread"), (max_jobs, "job at a time"), (max_queries, "query at a time")];
         if let Some((_, what)) = needed.into_iter().find(|(number, _)| *number == 0) {
             return Err(ServiceError::None(what));
         }
-        let threads = host_threads + dispatch_threads;
+        let threads = host_threads + usize::from(device_thread);
         let mut state = State::new(&options);
         if options.rayon_pool.is_some() {
             // No worker has a seat before there is work.
@@ -134,10 +134,7 @@ impl Service {
         let first = if service.inner.workers.is_some() { host_threads } else { 0 };
         for index in first..threads {
             let inner = Arc::clone(&service.inner);
-            let name = match index.checked_sub(host_threads) {
-                None => format!("host {index}"),
-                Some(index) => format!("dispatch {index}"),
-            };
+            let name = if index < host_threads { format!("host {index}") } else { "device".to_owned() };
             let thread = std::thread::Builder::new().name(name).stack_size(STACK_BYTES);
             let thread = thread.spawn(move || inner.serve(index));
             // An error drops the service, which stops the threads that have started.
@@ -203,7 +200,7 @@ pub(super) fn prepare<R: Renderer + 'static>(
     renderer: Arc<R>,
     tracers: Tracers,
     options: &JobOptions,
-    (hosts, dispatchers): (usize, usize),
+    (hosts, device_thread): (usize, bool),
     pool: &Pool,
     receiver: Arc<dyn Receiver>,
 ) -> Result<Submission, LimitsError> {
@@ -213,7 +210,7 @@ pub(super) fn prepare<R: Renderer + 'static>(
         return Err(LimitsError::OtherScene);
     }
     let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
-    let (unit, event) = unit_used(&tracers, &device_name, dispatchers);
+    let (unit, event) = unit_used(&tracers, &device_name, device_thread);
     let tiles = renderer.tiles();
     let demand = Demand {
         tiles,
@@ -221,8 +218,8 @@ pub(super) fn prepare<R: Renderer + 'static>(
         shadow_rays_per_ray: renderer.shadow_rays_per_ray(),
         most_in_flight: renderer.most_in_flight(),
         host_threads: hosts,
-        dispatch_threads: if unit == Unit::Cpu { 0 } else { dispatchers },
-        device: tracers.device.as_ref().and_then(|device| device.sizing()),
+        has_device: unit != Unit::Cpu,
+        bundle_rays: tracers.device.as_ref().and_then(|device| device.bundle_rays()),
     };
     let shared = Arc::new(SharedJob {
         limits: Limits::derive(options, demand)?,
@@ -230,7 +227,7 @@ pub(super) fn prepare<R: Renderer + 'static>(
         tracers,
         device_name,
         hosts,
-        slots: (0..hosts + dispatchers).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
+        slots: (0..hosts + usize::from(device_thread)).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
         abandoned: AtomicBool::new(false),
     });
     let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
@@ -238,13 +235,13 @@ pub(super) fn prepare<R: Renderer + 'static>(
     Ok(Submission { job: Box::new(job), work, receiver, priority: options.priority, is_query: false })
 }
 
-/// What traces a job's rays on a service with this many dispatch threads, and what there is to say about it.
-pub(super) fn unit_used(tracers: &Tracers, device: &str, dispatchers: usize) -> (Unit, Option<String>) {
+/// What traces a job's rays on a service with or without a device thread, and what there is to say about it.
+pub(super) fn unit_used(tracers: &Tracers, device: &str, device_thread: bool) -> (Unit, Option<String>) {
     match (tracers.unit, &tracers.device) {
         (Unit::Cpu, _) => (Unit::Cpu, None),
         (_, None) => (Unit::Cpu, Some("there is no GPU; host threads trace alone".to_owned())),
-        (_, Some(_)) if dispatchers == 0 => {
-            (Unit::Cpu, Some(format!("{device} is not used: the service has no dispatch threads")))
+        (_, Some(_)) if !device_thread => {
+            (Unit::Cpu, Some(format!("{device} is not used: the service has no device thread")))
         }
         (unit, Some(_)) => (unit, None),
     }
@@ -276,9 +273,9 @@ impl Inner {
         self.epoch.elapsed().as_nanos() as u64
     }
 
-    /// The numbers of host and dispatch threads.
-    pub fn threads(&self) -> (usize, usize) {
-        (self.hosts, self.wakers.len() - self.hosts)
+    /// The number of host threads, and true if there is a device thread.
+    pub fn threads(&self) -> (usize, bool) {
+        (self.hosts, self.wakers.len() > self.hosts)
     }
 
     /// Changes the state and applies the effects. `None` if a panic has broken the state.

@@ -120,8 +120,6 @@ pub(super) struct State {
     sleepers: [Vec<usize>; 2],
     /// Threads of each kind that have been woken and have not called [`State::next`] yet.
     waking: [usize; 2],
-    /// Dispatch threads with a task.
-    dispatching: usize,
     /// The most jobs of each lane.
     most: [usize; Lane::ALL.len()],
     sharing: Sharing,
@@ -140,17 +138,17 @@ pub(super) struct State {
 
 impl State {
     pub fn new(options: &ServiceOptions) -> Self {
-        let &ServiceOptions { host_threads, dispatch_threads, max_jobs, max_queries, sharing, .. } = options;
+        let &ServiceOptions { host_threads, device_thread, max_jobs, max_queries, sharing, .. } = options;
+        let device_threads = usize::from(device_thread);
         assert!(
             host_threads > 0 && max_jobs > 0 && max_queries > 0,
             "a service has a thread and room for a job"
         );
         Self {
             hosts: host_threads,
-            threads: vec![Thread::default(); host_threads + dispatch_threads],
-            sleepers: [Vec::with_capacity(host_threads), Vec::with_capacity(dispatch_threads)],
+            threads: vec![Thread::default(); host_threads + device_threads],
+            sleepers: [Vec::with_capacity(host_threads), Vec::with_capacity(device_threads)],
             waking: [0; 2],
-            dispatching: 0,
             most: [max_jobs, max_queries, max_queries],
             sharing,
             head_starts: HeadStarts::default(),
@@ -263,10 +261,12 @@ impl State {
         if std::mem::take(&mut self.threads[thread].waking) {
             self.waking[kind] -= 1;
         }
-        let next = if self.closing {
-            Next::Exit
-        } else if let Some(choice) = self.choose(kind) {
+        // The device thread of a service that closes waits for the bundles that are with devices.
+        let choice = self.choose(kind).filter(|choice| !self.closing || choice.rule == Rule::Wait);
+        let next = if let Some(choice) = choice {
             Next::Work(self.start(thread, choice, now_ns))
+        } else if self.closing {
+            Next::Exit
         } else {
             self.threads[thread].asleep_ns = Some(now_ns);
             self.sleepers[kind].push(thread);
@@ -305,11 +305,10 @@ impl State {
     }
 
     fn start(&mut self, thread: usize, choice: Choice, now_ns: u64) -> Arc<dyn Work> {
-        let size = self.task_size();
+        let (size, load) = (self.task_size(), self.load());
         let job = &mut self.jobs[choice.job];
-        let rays = job.submission.job.start(thread, choice.rule, size);
+        let rays = job.submission.job.start(thread, choice.rule, size, load);
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
-        self.dispatching += usize::from(choice.rule == Rule::Dispatch);
         self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
         let served = &mut self.turns[choice.job].served;
         self.head_starts.count(rays, job.own_turn.saturating_sub(*served).min(rays));
@@ -321,7 +320,6 @@ impl State {
     /// A thread has done its task; it calls [`State::next`] before it releases the lock.
     pub fn finish(&mut self, thread: usize, now_ns: u64) {
         let task = self.threads[thread].task.take().expect("a thread finishes what it has started");
-        self.dispatching -= usize::from(ThreadKind::of(thread, self.hosts) == ThreadKind::Dispatch);
         let index = self.index(task.job).expect("a job stays until its tasks are done");
         self.jobs[index].submission.job.finish(thread, task.start_ns, now_ns);
         self.after_change(index, now_ns);
@@ -337,8 +335,8 @@ impl State {
     }
 
     fn load(&self) -> Load {
-        let dispatchers = self.threads.len() - self.hosts;
-        Load { hosts: self.hosts, dispatchers, idle_dispatchers: dispatchers - self.dispatching }
+        let queued = self.turns.iter().map(|turn| turn.view.on_device).sum();
+        Load { hosts: self.hosts, queued }
     }
 
     /// Tasks are small while an interactive client is registered or an interactive job runs.
@@ -352,14 +350,14 @@ impl State {
         if kind == ThreadKind::Host as usize {
             policy::choose(&self.turns, self.load(), self.sharing)
         } else {
-            policy::choose_dispatch(&self.turns, self.load(), self.sharing)
+            policy::choose_device(&self.turns, self.load(), self.sharing)
         }
     }
 
     /// Wakes one thread of each kind that has work, unless a thread of the kind is waking already. The woken thread
     /// calls this too: so no wake-up is missing, and each finds work unless a running thread was faster.
     fn wake_for_work(&mut self, now_ns: u64) {
-        for kind in [ThreadKind::Host as usize, ThreadKind::Dispatch as usize] {
+        for kind in [ThreadKind::Host as usize, ThreadKind::Device as usize] {
             if self.waking[kind] == 0
                 && let Some(&thread) = self.sleepers[kind].last()
                 && self.choose(kind).is_some()

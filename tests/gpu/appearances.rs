@@ -21,7 +21,7 @@ fn render(service: &Service, prepared: &PreparedScene) -> String {
 
 #[test]
 fn appearances_have_the_bytes_of_fresh_scenes() {
-    let service = Service::new(ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2));
+    let service = Service::new(ServiceOptions::default().with_host_threads(2));
     let service = service.expect("threads");
     let units = Units::open(&UnitChoice::auto().with_unit(Unit::Gpu)).expect("units");
     let scene = generate::scene(Path::new("leaves:300")).expect("a generated scene");

@@ -5,7 +5,7 @@ use crate::{
 };
 use glam::Vec3;
 use raystream::bvh::Bvh;
-use raystream::stream::{DeviceTracer, Hit, MISS, Ray};
+use raystream::stream::{BlockingTracer, Hit, MISS, Ray};
 use raystream::trace::cpu::Oracle;
 use raystream::trace::gpu::{AdapterChoice, Fault, Gpu, GpuTracer, TreeKind, Variant};
 use std::sync::Arc;

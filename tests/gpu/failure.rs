@@ -2,7 +2,7 @@
 
 use crate::{compare, meshes, open, rays, trace, tracers};
 use glam::Vec3;
-use raystream::stream::{DeviceError, DeviceTracer, Hit, Queries};
+use raystream::stream::{BlockingTracer, DeviceError, Hit, Queries};
 use raystream::trace::gpu::{AdapterChoice, AdapterKind, Gpu, GpuError, GpuTracer, adapters};
 use std::process::Command;
 use std::sync::Arc;

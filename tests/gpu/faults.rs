@@ -7,7 +7,7 @@ use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
-use raystream::stream::{DeviceError, DeviceTracer, Hit, Queries};
+use raystream::stream::{BlockingTracer, DeviceError, Hit, Queries};
 use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::path::Path;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ fn render(unit: Unit, fault: Option<Fault>) -> (String, Vec<String>) {
     let (width, height) = (48, 48);
     let settings = Settings::new(width, height).with_spp(8).with_max_bounces(4).with_seed(3);
     let path = Arc::new(PathTracer::new(scene, &camera, settings, None).expect("settings"));
-    let options = ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2);
+    let options = ServiceOptions::default().with_host_threads(2);
     let service = Service::new(options).expect("threads");
     let job = service.submit(path.clone(), prepared.tracers.clone(), JobOptions::default()).expect("job");
     let report = job.wait().expect("frame");
@@ -47,6 +47,7 @@ fn every_fault_leaves_the_picture_alone_and_is_told_once() {
         (Unit::Gpu, Fault::Corrupt(2), "wrong answers"),
         (Unit::Gpu, Fault::OutOfMemory, "which does not give them"),
         (Unit::Hybrid, Fault::OutOfMemory, "which does not give them"),
+        (Unit::Gpu, Fault::Refused, "refused, as requested"),
         (Unit::Gpu, Fault::Inexact, "32-bit integers: "),
         (Unit::Hybrid, Fault::Inexact, "makes no exact hits"),
     ] {

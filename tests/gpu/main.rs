@@ -16,7 +16,7 @@ mod soak;
 
 use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};
-use raystream::stream::{DeviceReport, DeviceTracer, Hit, Queries, Ray};
+use raystream::stream::{BlockingTracer, DeviceReport, Hit, Queries, Ray};
 use raystream::trace::cpu::Oracle;
 use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer, Variant};
 use std::sync::Arc;

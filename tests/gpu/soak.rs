@@ -29,7 +29,7 @@ fn soak(frames: usize, seed: u32) -> Seen {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
     let scene = Arc::new(load::load(&file).expect("scene"));
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
-    let options = ServiceOptions::default().with_host_threads(2).with_dispatch_threads(2);
+    let options = ServiceOptions::default().with_host_threads(2);
     let service = Service::new(options).expect("threads");
     let mut random = crate::meshes::Random::new(u64::from(seed));
     let render = |prepared: &PreparedScene| {

@@ -278,7 +278,7 @@ fn run(seed: u64) {
     let mut random = Random(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
     let options = ServiceOptions::default()
         .with_host_threads(1 + random.below(3))
-        .with_dispatch_threads(random.below(3))
+        .with_device_thread(!random.one_in(3))
         .with_max_jobs(1 + random.below(2))
         .with_max_queries(1 + random.below(2))
         .with_sharing(random.pick(&[Sharing::Fair, Sharing::FirstIn]));

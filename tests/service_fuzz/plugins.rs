@@ -2,12 +2,13 @@
 
 use raystream::schedule::{Batch, Output, Renderer};
 use raystream::stream::{
-    Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray,
-    StreamMemory, Tracer,
+    Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, Resolve,
+    StreamMemory, Ticket, Tracer,
 };
 use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicIsize, AtomicU64, Ordering::SeqCst};
+use std::time::Duration;
 
 /// A small seeded generator (splitmix64).
 pub struct Random(pub u64);
@@ -227,26 +228,20 @@ impl Device {
         }
     }
 
-    fn dispatch(&self, hits: &mut [Hit], occluded: &mut [u32]) -> Result<DeviceReport, DeviceError> {
+    fn dispatch(&self) -> Result<(), DeviceError> {
         if self.dispatches.fetch_add(1, SeqCst) >= self.last {
             if self.panics {
                 resume_unwind(Box::new("a driver that panics"));
             }
             return Err(DeviceError::Lost("out of luck".to_owned()));
         }
-        hits.fill(Hit::NONE);
-        occluded.fill(0);
-        Ok(DeviceReport::default())
+        Ok(())
     }
 }
 
 impl DeviceTracer for Device {
     fn name(&self) -> &str {
         "a device"
-    }
-
-    fn max_rays(&self) -> usize {
-        usize::MAX
     }
 
     fn stream_memory(&self, of: Capacity, current: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
@@ -260,11 +255,36 @@ impl DeviceTracer for Device {
         })
     }
 
-    fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
-        Some(self.dispatch(stream.hits.as_mut_slice(), stream.occluded.as_mut_slice()))
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        self.dispatch()?;
+        Ok(Box::new(Bundle { streams: bundle.len(), waits: self.dispatches.load(SeqCst) % 3 }))
     }
+}
 
-    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        self.dispatch(queries.hits, queries.occluded)
+/// Is done at one of the first looks.
+struct Bundle {
+    streams: usize,
+    waits: u64,
+}
+
+impl Ticket for Bundle {
+    fn wait(&mut self, _: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError> {
+        if self.waits > 0 {
+            self.waits -= 1;
+            return Ok(None);
+        }
+        Ok(Some((0..self.streams).map(|_| Box::new(Misses) as Box<dyn Resolve>).collect()))
+    }
+}
+
+struct Misses;
+
+impl Resolve for Misses {
+    fn resolve(self: Box<Self>, stream: &DeviceStream) -> Result<DeviceReport, DeviceError> {
+        let mut answers = stream.answers();
+        let (hits, occluded) = answers.slices();
+        hits.fill(Hit::NONE);
+        occluded.fill(0);
+        Ok(DeviceReport::default())
     }
 }

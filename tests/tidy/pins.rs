@@ -13,17 +13,14 @@ const WATCHDOG: &str = "src/trace/gpu/watchdog.rs";
 /// All of them.
 pub const PINS: &[(&str, Value)] = &[
     // What a caller may choose, and what is chosen otherwise.
-    ("Default without a device: {n} for each host thread", Constant("src/schedule/", "HOST_IN_FLIGHT")),
-    ("RA's {n}, or as many full streams", Constant("src/schedule/", "IN_FLIGHT")),
-    ("Default without a device: {n}, less for small jobs", Constant("src/schedule/", "HOST_THRESHOLD")),
-    ("or RA's {n} if the device has not been measured", Constant("src/schedule/", "DEVICE_THRESHOLD")),
+    ("Default: {n} for each host thread", Constant("src/schedule/", "HOST_IN_FLIGHT")),
+    ("Default: {n}, less for small jobs", Constant("src/schedule/", "HOST_THRESHOLD")),
     ("most rays of a batch (RA: {n})", Is(|| JobOptions::default().batch_rays as f64)),
-    ("and the fewest otherwise (RA: {n})", Is(|| JobOptions::default().chunk_rays as f64)),
-    ("RA's {n} dispatch threads", Is(|| ServiceOptions::default().dispatch_threads as f64)),
-    ("dispatch threads, {n} jobs", Is(|| ServiceOptions::default().max_jobs as f64)),
+    ("where there are as many (RA: {n})", Is(|| JobOptions::default().chunk_rays as f64)),
+    ("a device thread, {n} jobs", Is(|| ServiceOptions::default().max_jobs as f64)),
     ("at the same time and {n} queries", Is(|| ServiceOptions::default().max_queries as f64)),
     ("queries of at most {n} rays are traced by the caller", Is(|| JobOptions::default().caller_rays as f64)),
-    ("Chunks have {n} rays while the job has a device", Is(|| JobOptions::default().chunk_rays as f64)),
+    ("TRACE, at most {n}.", Constant("src/schedule/", "BUNDLE_STREAMS")),
     ("same size, from {n} rays up to", Is(|| JobOptions::default().chunk_rays as f64)),
     ("same size, from 1024 rays up to {n}.", Is(|| JobOptions::default().chunk_rays_most as f64)),
     ("up to {n} traced rays, shaded in one call", Is(|| JobOptions::default().batch_rays as f64)),

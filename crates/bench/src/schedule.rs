@@ -141,7 +141,7 @@ pub fn run(options: &Options) -> Result<Vec<Row>, ScheduleError> {
     let mut rows = Vec::new();
     for &threads in &options.threads {
         let service = Service::new(
-            ServiceOptions::default().with_host_threads(threads).with_dispatch_threads(0).with_max_jobs(1),
+            ServiceOptions::default().with_host_threads(threads).with_device_thread(false).with_max_jobs(1),
         )?;
         for &load in &options.loads {
             for timeline in [false, true] {

@@ -7,8 +7,7 @@ use raystream::memory::MemoryBudget;
 use raystream::picture::{afford, scene_file};
 use raystream::scene::Scene;
 use raystream::scene::load::LoadOptions;
-use raystream::schedule::{Policy, Service, ServiceOptions, Sharing, Tracers, Unit};
-use raystream::stream::DeviceTracer;
+use raystream::schedule::{Policy, Service, ServiceOptions, Sharing, Unit};
 use raystream::trace::cpu::SimdLevel;
 #[cfg(feature = "service")]
 use raystream_service::backend::SharedUnits;
@@ -75,7 +74,7 @@ impl Setup {
         let service = Service::new(
             ServiceOptions::default()
                 .with_host_threads(host_threads(args))
-                .with_dispatch_threads(dispatch_threads(&prepared.tracers))
+                .with_device_thread(prepared.tracers.device.is_some())
                 .with_max_jobs(max_jobs)
                 .with_sharing(Sharing::FirstIn),
         )?;
@@ -88,13 +87,6 @@ impl Setup {
         let fault = self.units.idle_fault()?;
         Some(format!("--inject {fault}: the fault did not happen, because the GPU had fewer dispatches"))
     }
-}
-
-/// Dispatch threads that keep the GPU busy: as many as its measured sizes say, or RA's.
-fn dispatch_threads(tracers: &Tracers) -> usize {
-    let usual = ServiceOptions::default().dispatch_threads;
-    let of = |device: &Arc<dyn DeviceTracer>| device.sizing().map_or(usual, |sizing| sizing.in_flight);
-    tracers.device.as_ref().map_or(0, of)
 }
 
 /// Opens the units for all scenes of a process and starts the threads. At most `max_jobs` jobs run at a time, in fair

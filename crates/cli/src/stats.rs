@@ -317,9 +317,9 @@ pub struct UnitStats {
 pub struct GpuStats {
     /// Rays traced.
     pub rays: u64,
-    /// Seconds of dispatch threads spent waiting for it.
+    /// Seconds in which it had rays.
     pub busy_s: f64,
-    /// Rays per microsecond of `busy_s`; dispatches may overlap.
+    /// Rays per microsecond of `busy_s`.
     pub mray_per_s: f64,
     /// Bytes copied between host and device memory, both ways.
     pub bytes_copied: u64,
@@ -331,10 +331,12 @@ pub struct GpuStats {
     pub masked: u64,
     /// Rays of the cross-check, traced again by the CPU to detect a faulty device.
     pub checked: u64,
-    /// Part of `busy_s` between a stream being full and its submission.
+    /// Seconds in which the device thread submitted bundles of streams.
     pub sending_s: f64,
-    /// Part of `busy_s` between submission and readable answers.
+    /// Seconds between the submission of bundles and their answers, added up over bundles.
     pub waiting_s: f64,
+    /// Seconds of host threads that made hits of what the GPU had written, or checked them.
+    pub resolving_s: f64,
     /// From a stream being full to its submission; null without streams.
     pub full_to_dispatched_s: Option<LatencyStats>,
     /// From submission to readable answers; null without streams.
@@ -370,7 +372,7 @@ pub struct DepthStats {
 /// Time of one thread.
 #[derive(Clone, Debug, Serialize)]
 pub struct ThreadStats {
-    /// `host` or `dispatch`.
+    /// `host`, `device` or `caller`.
     pub kind: &'static str,
     /// Seconds spent on tasks.
     pub busy_s: f64,
@@ -425,6 +427,7 @@ impl Units {
         self.gpu.checked += report.gpu.checked;
         self.gpu.sending_s += report.gpu.sending_s;
         self.gpu.waiting_s += report.gpu.waiting_s;
+        self.gpu.resolving_s += report.gpu.resolving_s;
         self.device_waits += report.device_waits;
         self.gpu.full_to_dispatched_s = LatencyStats::of(&self.device_waits.full_to_dispatched);
         self.gpu.dispatched_to_readable_s = LatencyStats::of(&self.device_waits.dispatched_to_readable);
@@ -451,7 +454,7 @@ impl ThreadStats {
     pub fn of(thread: &ThreadReport) -> Self {
         let kind = match thread.kind {
             ThreadKind::Host => "host",
-            ThreadKind::Dispatch => "dispatch",
+            ThreadKind::Device => "device",
             _ => "caller",
         };
         Self { kind, busy_s: thread.busy_s, idle_s: thread.idle_s, tail_idle_s: thread.tail_idle_s }

@@ -25,7 +25,7 @@ impl Studio {
         let scene = Arc::new(room());
         let options = ServiceOptions {
             host_threads,
-            dispatch_threads: 0,
+            device_thread: false,
             max_jobs: PASSES_IN_FLIGHT,
             sharing: Sharing::FirstIn,
             ..Default::default()

@@ -173,8 +173,9 @@ fn shadow_rays_beyond_the_room_for_them_wait_and_none_is_lost() {
 fn memory_is_bounded_by_paths_in_flight_and_depth_and_spawning_waits_for_it() {
     let scene = Arc::new(sheets(12, Material::fallback()));
     let settings = Settings::new(300, 200).with_spp(2).with_max_bounces(7);
-    let service = Service::new(ServiceOptions { host_threads: 2, dispatch_threads: 0, ..Default::default() })
-        .expect("threads");
+    let service =
+        Service::new(ServiceOptions { host_threads: 2, device_thread: false, ..Default::default() })
+            .expect("threads");
     let host = Arc::new(harness::tracer(&scene));
     let finish = |in_flight: usize| {
         let crowd = Crowd::<2> { first: true };
@@ -230,8 +231,9 @@ fn a_job_of_a_shader_that_breaks_its_word_fails_and_says_why() {
     }
     use std::future::Future;
     let scene = Arc::new(sheets(2, Material::fallback()));
-    let service = Service::new(ServiceOptions { host_threads: 1, dispatch_threads: 0, ..Default::default() })
-        .expect("threads");
+    let service =
+        Service::new(ServiceOptions { host_threads: 1, device_thread: false, ..Default::default() })
+            .expect("threads");
     let tracers = Tracers::cpu(Arc::new(harness::tracer(&scene)));
     for (shader, says) in [
         (Rude::CallsForEver, "more than 7 deep"),

@@ -4,10 +4,13 @@
 //! `table.rs` holds what the policies differ in; this file holds what is common to them: the conditions of the rules,
 //! the choice between jobs, and the sizes of streams and chunks.
 
+mod device;
 mod table;
 
 use super::{Limits, Priority};
-pub use table::{MOONRAY_SMALL, MOONRAY_WAITING, Policy};
+pub use device::{DevicePace, Line, PathLengths, QUEUED};
+use std::time::Duration;
+pub use table::{MOONRAY_SMALL, Policy};
 
 /// Which units trace a job's rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,8 +35,12 @@ pub enum Rule {
     Trace,
     /// RA 4: trace a chunk of a stream of NEEDMORE, although the stream is not full.
     Flush,
-    /// A dispatch thread: have the device trace a stream.
-    Dispatch,
+    /// Before the others: make the answers of a stream that a device has traced.
+    Resolve,
+    /// The device thread: submit a bundle of streams.
+    Submit,
+    /// The device thread: wait for the bundle that was submitted first.
+    Wait,
 }
 
 /// How fast a unit has traced or shaded a job's rays so far.
@@ -41,7 +48,7 @@ pub enum Rule {
 pub struct Pace {
     /// Rays and shadow rays.
     pub rays: u64,
-    /// Nanoseconds that the unit's threads took for them, added up over threads.
+    /// Nanoseconds that they took, added up over the unit's threads.
     pub ns: u64,
 }
 
@@ -109,14 +116,30 @@ pub struct View {
     pub waiting_rays: u64,
     /// True if the stream in the job slot has rays to hand out.
     pub slot: bool,
+    /// Streams that a device has traced and that are not resolved.
+    pub answered: usize,
     /// Streams in SHADE.
     pub shade: usize,
     /// Tasks under way.
     pub tasks: usize,
     /// How fast host threads trace.
     pub cpu: Pace,
-    /// How fast dispatch threads get streams traced. Several may wait for the device at the same time.
-    pub gpu: Pace,
+    /// How fast host threads shade.
+    pub shading: Pace,
+    /// How fast the device is, and what its rays cost the host.
+    pub device: DevicePace,
+    /// Rays and shadow rays of a bundle.
+    pub bundle_rays: usize,
+    /// Bundles with the device.
+    pub on_device: usize,
+    /// Rays and shadow rays in these.
+    pub on_device_rays: u64,
+    /// When the first of these that no thread waits for was submitted.
+    pub waits_since_ns: Option<u64>,
+    /// Paths that have not ended or not begun.
+    pub paths_left: u64,
+    /// How long paths have been so far.
+    pub lengths: PathLengths,
 }
 
 /// A job as the choice between jobs sees it.
@@ -142,10 +165,8 @@ impl Turn {
 pub struct Load {
     /// Host threads.
     pub hosts: usize,
-    /// Dispatch threads.
-    pub dispatchers: usize,
-    /// Dispatch threads without a task.
-    pub idle_dispatchers: usize,
+    /// Bundles with devices, of all jobs.
+    pub queued: usize,
 }
 
 /// How large host threads' tasks are.
@@ -188,33 +209,34 @@ impl View {
                         Unit::Gpu => false,
                     }
             }
-            Rule::Dispatch => match self.unit {
+            Rule::Resolve => self.answered > 0,
+            Rule::Submit => match self.unit {
                 Unit::Cpu => false,
                 Unit::Hybrid => {
-                    (self.trace > 0 && (policy.device_opens)(self, load))
-                        || (self.no_work_is_to_come(load) && (policy.device_flushes)(self, load))
+                    (self.trace > 0 && self.has_room(load) && (policy.device_opens)(self, load))
+                        || (self.may_be_flushed_to_device(load) && (policy.device_flushes)(self, load))
                 }
                 // Host threads do not trace here, so the device takes the last small streams once no more will come.
-                Unit::Gpu => {
-                    self.trace > 0
-                        || (self.need_more > 0 && self.shade == 0 && !self.allows(Rule::Spawn, load))
-                }
+                Unit::Gpu => (self.trace > 0 && self.has_room(load)) || self.may_be_flushed_to_device(load),
             },
+            Rule::Wait => self.waits_since_ns.is_some(),
         }
     }
 
-    /// NEEDMORE has streams; SHADE and the job slot are empty.
+    /// NEEDMORE has streams; SHADE, what waits to be resolved and the job slot are empty.
     fn is_short_of_work(&self) -> bool {
-        self.need_more > 0 && self.shade == 0 && !self.slot
+        self.need_more > 0 && self.shade == 0 && self.answered == 0 && !self.slot
     }
 
-    /// NEEDMORE has streams; all other lists are empty, and no tile can be spawned.
-    fn no_work_is_to_come(&self, load: Load) -> bool {
-        self.is_short_of_work() && self.trace == 0 && !self.allows(Rule::Spawn, load)
+    /// NEEDMORE has streams; all other lists are empty, the device has none, and no tile can be spawned.
+    fn may_be_flushed_to_device(&self, load: Load) -> bool {
+        self.is_short_of_work() && self.trace == 0 && self.on_device == 0 && !self.allows(Rule::Spawn, load)
     }
 
     fn host_rule(&self, load: Load, flush: bool) -> Option<Rule> {
-        let mut order = self.policy.row().order.into_iter();
+        let row = self.policy.row();
+        let before = if self.unit == Unit::Hybrid { (row.before)(self, load) } else { None };
+        let mut order = std::iter::once(Rule::Resolve).chain(before).chain(row.order);
         order.find(|&rule| (flush || rule != Rule::Flush) && self.allows(rule, load))
     }
 }
@@ -231,11 +253,22 @@ pub fn choose(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
     })
 }
 
-/// A dispatch thread's next task. `turns` stand in the order of admission.
-pub fn choose_dispatch(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
-    Priority::ALL.into_iter().find_map(|priority| {
-        pick(turns, priority, sharing, |view| view.allows(Rule::Dispatch, load).then_some(Rule::Dispatch))
+/// The device thread's next task: a bundle, or the one that was submitted first, of any job, to be waited for. `turns`
+/// stand in the order of admission.
+pub fn choose_device(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
+    let bundle = |view: &View| view.allows(Rule::Submit, load).then_some(Rule::Submit);
+    let submit = Priority::ALL.into_iter().find_map(|priority| pick(turns, priority, sharing, bundle));
+    submit.or_else(|| {
+        let since = |(job, turn): (usize, &Turn)| Some((turn.view.waits_since_ns?, job));
+        let (_, job) = turns.iter().enumerate().filter_map(since).min()?;
+        Some(Choice { job, rule: Rule::Wait })
     })
+}
+
+/// How long the device thread waits before it looks whether there is a bundle to submit: hardly at all while there is
+/// room for one.
+pub fn wait_time(load: Load) -> Duration {
+    if load.queued < QUEUED { Duration::from_micros(200) } else { Duration::from_secs(1) }
 }
 
 /// The first job of a priority, in the order that `sharing` gives, for which `rule` finds a task.
@@ -276,11 +309,10 @@ pub(super) const TAIL_STREAMS: usize = 4;
 
 /// Paths from which a stream counts as full when `left` paths of its job have not ended or not begun.
 ///
-/// Without a device this is the limit, and at the tail as few paths as give every host thread `TAIL_STREAMS`
-/// streams: one thread shades a stream, so a large last stream would leave the other threads idle. With a device it
-/// is always the limit, because small streams are not worth a dispatch. Never grows while a job goes on.
-pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
-    if device_is_fed || !limits.shrink_streams {
+/// This is the limit, and at the tail as few paths as give every host thread `TAIL_STREAMS` streams: one thread shades
+/// a stream, so a large last stream would leave the other threads idle. Never grows while a job goes on.
+pub fn threshold(left: u64, host_threads: usize, limits: &Limits) -> usize {
+    if !limits.shrink_streams {
         return limits.threshold;
     }
     let share = left.div_ceil((TAIL_STREAMS * host_threads) as u64);
@@ -289,13 +321,9 @@ pub fn threshold(left: u64, host_threads: usize, device_is_fed: bool, limits: &L
 
 /// Rays that a host thread traces at once when `waiting` rays of its job wait to be traced or spawned.
 ///
-/// With a device these are RA's small chunks, so that a host thread is never away for long when the device needs it.
-/// Without one they are as many rays as leave every thread two more chunks of the same size: large while much is left
-/// to do, since large sub-streams trace faster, and small at the tail.
-pub fn chunk_rays(waiting: u64, host_threads: usize, device_is_fed: bool, limits: &Limits) -> usize {
-    if device_is_fed {
-        return limits.chunk_rays;
-    }
+/// They are as many rays as leave every thread two more chunks of the same size: large while much is left to do, since
+/// large sub-streams trace faster, and small at the tail.
+pub fn chunk_rays(waiting: u64, host_threads: usize, limits: &Limits) -> usize {
     let share = waiting / (2 * host_threads as u64);
     let share = share.clamp(limits.chunk_rays as u64, limits.chunk_rays_most as u64) as usize;
     share.next_multiple_of(limits.chunk_rays).min(limits.chunk_rays_most)

@@ -110,10 +110,10 @@ fn the_example_of_the_readme_happens_as_it_says() {
     let options = JobOptions { timeline: true, ..JobOptions::default() };
     let renderer = Arc::new(Example::default());
     let receiver = Arc::clone(&outbox) as _;
-    let submission = prepare(renderer, blind(), &options, (2, 0), &pool, receiver).unwrap();
+    let submission = prepare(renderer, blind(), &options, (2, false), &pool, receiver).unwrap();
     let mut state = State::new(&ServiceOptions {
         host_threads: 2,
-        dispatch_threads: 0,
+        device_thread: false,
         max_jobs: 1,
         ..Default::default()
     });

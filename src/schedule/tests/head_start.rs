@@ -28,7 +28,7 @@ struct OneThread {
 
 impl OneThread {
     fn new() -> Self {
-        let options = ServiceOptions { host_threads: 1, dispatch_threads: 0, ..Default::default() };
+        let options = ServiceOptions { host_threads: 1, device_thread: false, ..Default::default() };
         Self { state: State::new(&options), pool: Pool::new(2), scratch: ChunkScratch::default() }
     }
 
@@ -36,7 +36,8 @@ impl OneThread {
         let ledger = Ledger::new(Script { tiles, tile_rays, ..SCRIPT });
         let tracers = Tracers::cpu(Arc::clone(&ledger) as _);
         let options = JobOptions::default().with_caller_rays(0);
-        let job = prepare(ledger, tracers, &options, (1, 0), &self.pool, Arc::new(Nobody)).expect("it fits");
+        let job =
+            prepare(ledger, tracers, &options, (1, false), &self.pool, Arc::new(Nobody)).expect("it fits");
         self.state.submit(Submission { is_query: true, ..job }, 0)
     }
 

@@ -2,10 +2,13 @@
 //! traced and shaded. All rays are a pure function of a seed.
 
 use super::super::{Batch, Output, Renderer};
-use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
+use crate::stream::{
+    DeviceError, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, Resolve, Ticket, Tracer,
+};
 use std::panic::resume_unwind;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 /// A good mix of 64 bits (splitmix64's finaliser).
 pub fn mix(value: u64) -> u64 {
@@ -261,20 +264,46 @@ impl Tracer for Ledger {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     Lives,
-    /// Answers this many dispatches, then returns an error.
+    /// Takes this many bundles, then refuses one.
+    Refuses(u64),
+    /// Answers this many bundles, then returns an error.
     Lost(u64),
-    /// Answers this many dispatches, then panics.
+    /// Answers this many bundles, then panics.
     Panics(u64),
+    /// Resolves this many streams, then finds an answer wrong.
+    Lies(u64),
+    /// The same, and then keeps its share of a stream.
+    Keeps(u64),
+}
+
+impl Fate {
+    /// A device that fails after `dispatches` in one way or another.
+    pub fn any(kind: u64, dispatches: u64) -> Self {
+        let all = [Self::Refuses, Self::Lost, Self::Panics, Self::Lies, Self::Keeps];
+        all[kind as usize % all.len()](dispatches)
+    }
 }
 
 /// A device that answers from a ledger, as long as its fate lets it.
 pub struct FakeDevice {
     pub ledger: Arc<Ledger>,
     pub fate: Fate,
-    pub max_rays: usize,
-    /// How long a dispatch takes.
-    pub delay: std::time::Duration,
-    pub dispatches: AtomicU64,
+    /// Rays of a bundle.
+    pub bundle_rays: usize,
+    /// How often a bundle is looked for in vain.
+    pub patience: u64,
+    /// How long a look takes.
+    pub delay: Duration,
+    pub counts: Arc<Counts>,
+}
+
+/// What a device has done.
+#[derive(Default)]
+pub struct Counts {
+    pub submitted: AtomicU64,
+    pub answered: AtomicU64,
+    pub resolved: AtomicU64,
+    kept: Mutex<Vec<DeviceStream>>,
 }
 
 impl DeviceTracer for FakeDevice {
@@ -282,36 +311,85 @@ impl DeviceTracer for FakeDevice {
         "a fake device"
     }
 
-    fn max_rays(&self) -> usize {
-        self.max_rays
+    fn bundle_rays(&self) -> Option<usize> {
+        Some(self.bundle_rays)
     }
 
-    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        let Queries { rays, hits, shadow_rays, occluded } = queries;
-        assert!(rays.len() <= self.max_rays && shadow_rays.len() <= self.max_rays);
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        let number = self.counts.submitted.fetch_add(1, Relaxed);
+        assert!(!bundle.is_empty(), "a bundle has streams");
+        if let Fate::Refuses(last) = self.fate
+            && number >= last
+        {
+            return Err(DeviceError::Failed("no room".to_owned()));
+        }
+        let (ledger, counts) = (Arc::clone(&self.ledger), Arc::clone(&self.counts));
+        let (fate, patience, delay) = (self.fate, self.patience, self.delay);
+        Ok(Box::new(Bundle { streams: bundle, ledger, fate, patience, delay, counts }))
+    }
+}
+
+struct Bundle {
+    streams: Vec<DeviceStream>,
+    ledger: Arc<Ledger>,
+    fate: Fate,
+    patience: u64,
+    delay: Duration,
+    counts: Arc<Counts>,
+}
+
+impl Ticket for Bundle {
+    fn wait(&mut self, _: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError> {
         if !self.delay.is_zero() {
             std::thread::sleep(self.delay);
         }
-        let dispatch = self.dispatches.fetch_add(1, Relaxed);
+        if self.patience > 0 {
+            self.patience -= 1;
+            return Ok(None);
+        }
+        let number = self.counts.answered.fetch_add(1, Relaxed);
+        for stream in &self.streams {
+            let mut answers = stream.answers();
+            let (hits, occluded) = answers.slices();
+            hits.fill(Hit { primitive: 12345, ..Hit::NONE });
+            occluded.fill(7);
+        }
         match self.fate {
-            Fate::Lost(last) | Fate::Panics(last) if dispatch >= last => {
-                hits.fill(Hit { primitive: 12345, ..Hit::NONE });
-                occluded.fill(7);
-                if matches!(self.fate, Fate::Panics(_)) {
-                    resume_unwind(Box::new("the driver is gone".to_owned()));
+            Fate::Lost(last) if number >= last => return Err(DeviceError::Lost("out of luck".to_owned())),
+            Fate::Panics(last) if number >= last => resume_unwind(Box::new("the driver is gone".to_owned())),
+            _ => {}
+        }
+        let answer = |_| {
+            let (ledger, counts) = (Arc::clone(&self.ledger), Arc::clone(&self.counts));
+            Box::new(Answer { ledger, fate: self.fate, counts }) as Box<dyn Resolve>
+        };
+        Ok(Some(std::mem::take(&mut self.streams).into_iter().map(answer).collect()))
+    }
+}
+
+struct Answer {
+    ledger: Arc<Ledger>,
+    fate: Fate,
+    counts: Arc<Counts>,
+}
+
+impl Resolve for Answer {
+    fn resolve(self: Box<Self>, stream: &DeviceStream) -> Result<DeviceReport, DeviceError> {
+        let number = self.counts.resolved.fetch_add(1, Relaxed);
+        match self.fate {
+            Fate::Lies(last) | Fate::Keeps(last) if number >= last => {
+                if matches!(self.fate, Fate::Keeps(_)) {
+                    self.counts.kept.lock().unwrap().push(stream.share());
                 }
-                return Err(DeviceError::Lost("out of luck".to_owned()));
+                return Err(DeviceError::Failed("7 of 64 rays differ".to_owned()));
             }
             _ => {}
         }
-        self.ledger.trace(rays, hits);
-        self.ledger.trace_shadows(shadow_rays, occluded);
-        Ok(DeviceReport {
-            bytes_copied: 48 * rays.len() as u64,
-            flagged: 1,
-            retraced: 1,
-            checked: 1,
-            ..DeviceReport::default()
-        })
+        let mut answers = stream.answers();
+        let (hits, occluded) = answers.slices();
+        self.ledger.trace(stream.rays(), hits);
+        self.ledger.trace_shadows(stream.shadow_rays(), occluded);
+        let bytes_copied = 48 * stream.rays().len() as u64;
+        Ok(DeviceReport { bytes_copied, flagged: 1, retraced: 1, checked: 1, ..DeviceReport::default() })
     }
 }

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 #[test]
 fn a_stopped_job_finishes_what_it_has_spawned() {
-    let service = service(2, 0);
+    let service = service(2, false);
     let gated = Gated::new();
     let job = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) == 2);
@@ -30,7 +30,7 @@ fn a_stopped_job_finishes_what_it_has_spawned() {
 
 #[test]
 fn a_cancelled_job_leaves_others_running_and_drops_its_renderer() {
-    let service = service(3, 0);
+    let service = service(3, false);
     let gated = Gated::new();
     let cancelled = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) > 0);
@@ -46,7 +46,7 @@ fn a_cancelled_job_leaves_others_running_and_drops_its_renderer() {
 
 #[test]
 fn shading_ends_soon_after_a_cancel() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let gated = Gated::in_shading(1000);
     let options = JobOptions { batch_rays: 10, ..JobOptions::default() };
     let job = service.submit(Arc::clone(&gated), blind(), options).unwrap();
@@ -59,7 +59,7 @@ fn shading_ends_soon_after_a_cancel() {
 
 #[test]
 fn dropping_a_handle_cancels() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let gated = Gated::new();
     drop(service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap());
     gated.open();
@@ -69,7 +69,7 @@ fn dropping_a_handle_cancels() {
 
 #[test]
 fn jobs_beyond_the_limit_wait_their_turn() {
-    let options = ServiceOptions { host_threads: 2, dispatch_threads: 0, max_jobs: 1, ..Default::default() };
+    let options = ServiceOptions { host_threads: 2, device_thread: false, max_jobs: 1, ..Default::default() };
     let service = Service::new(options).unwrap();
     let renderers: Vec<_> = (0..3).map(|_| Gated::new()).collect();
     let submit =
@@ -96,7 +96,7 @@ fn jobs_beyond_the_limit_wait_their_turn() {
 
 #[test]
 fn two_jobs_share_the_threads() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let ledgers = [Ledger::new(SCRIPT), Ledger::new(Script { seed: 2, ..SCRIPT })];
     let gated = Gated::new();
     let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
@@ -118,7 +118,7 @@ fn two_jobs_share_the_threads() {
 
 #[test]
 fn an_endless_job_starves_no_other() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let endless = Gated::with_tiles(u64::MAX);
     endless.open();
     let job = service.submit(Arc::clone(&endless), blind(), JobOptions::default()).unwrap();
@@ -136,7 +136,7 @@ fn an_endless_job_starves_no_other() {
 
 #[test]
 fn dropping_the_service_cancels_what_runs_and_what_waits() {
-    let options = ServiceOptions { host_threads: 2, dispatch_threads: 1, max_jobs: 1, ..Default::default() };
+    let options = ServiceOptions { host_threads: 2, device_thread: true, max_jobs: 1, ..Default::default() };
     let service = Service::new(options).unwrap();
     let (gated, other) = (Gated::new(), Gated::new());
     let running = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
@@ -159,7 +159,7 @@ impl Held for Arc<Service> {}
 
 #[test]
 fn a_service_may_be_dropped_on_its_own_thread() {
-    let service = Arc::new(service(2, 1));
+    let service = Arc::new(service(2, true));
     let gated = Gated::new();
     let owner = Holder { gated: Arc::clone(&gated), held: Arc::clone(&service) };
     let job = service.submit(Arc::new(owner), blind(), JobOptions::default()).unwrap();
@@ -186,7 +186,7 @@ impl Drop for LastWords {
 
 #[test]
 fn a_renderer_may_read_its_progress_while_it_is_dropped() {
-    let service = service(2, 0);
+    let service = service(2, false);
     let (handle, gated) = (Arc::new(OnceLock::new()), Gated::new());
     let (progress, received) = channel();
     let held = LastWords { handle: Arc::clone(&handle), progress };
@@ -252,7 +252,7 @@ impl Drop for Faulty {
 
 #[test]
 fn a_faulty_renderer_fails_only_its_own_job() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let run = |rays, shadow_rays, panics_in_drop| {
         let renderer = Arc::new(Faulty { rays, shadow_rays, panics_in_drop });
         outcome(service.submit(renderer, blind(), JobOptions::default().with_name("faulty")).unwrap())

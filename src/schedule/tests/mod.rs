@@ -37,8 +37,8 @@ const SMALL: JobOptions = JobOptions {
     timeline: true,
 };
 
-fn service(host_threads: usize, dispatch_threads: usize) -> Service {
-    let options = ServiceOptions { host_threads, dispatch_threads, max_jobs: 3, ..Default::default() };
+fn service(host_threads: usize, device_thread: bool) -> Service {
+    let options = ServiceOptions { host_threads, device_thread, max_jobs: 3, ..Default::default() };
     Service::new(options).unwrap()
 }
 

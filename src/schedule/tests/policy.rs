@@ -1,7 +1,8 @@
 //! The rules, one by one.
 
 use super::super::policy::{
-    Pace, SMALL_TASK_NS, TURN_RAYS, choose, choose_dispatch, chunk_rays, most_rays, threshold,
+    DevicePace, Line, Pace, PathLengths, QUEUED, SMALL_TASK_NS, TURN_RAYS, choose, choose_device, chunk_rays,
+    most_rays, threshold,
 };
 use super::super::{Limits, Load, Policy, Priority, Rule, Sharing, TaskSize, Turn, Unit, View};
 
@@ -17,15 +18,28 @@ const IDLE: View = View {
     trace_rays: 0,
     waiting_rays: 0,
     slot: false,
+    answered: 0,
     shade: 0,
     tasks: 0,
     cpu: UNKNOWN,
-    gpu: UNKNOWN,
+    shading: UNKNOWN,
+    device: DevicePace {
+        bundles: 0,
+        submit_ns: 0,
+        resolving: UNKNOWN,
+        turnaround: Line { ns_for_1024: 0, latency_ns: 0 },
+    },
+    bundle_rays: 50_000,
+    on_device: 0,
+    on_device_rays: 0,
+    waits_since_ns: None,
+    paths_left: 0,
+    lengths: PathLengths { shaded: 0, continued: 0, rays: 0, shadow_rays: 0 },
 };
 const UNKNOWN: Pace = Pace { rays: 0, ns: 0 };
 const ALL: View = View { tiles_left: 1, need_more: 1, trace: 1, slot: true, shade: 1, ..IDLE };
-const BUSY: Load = Load { hosts: 2, dispatchers: 4, idle_dispatchers: 0 };
-const IDLE_DEVICE: Load = Load { idle_dispatchers: 1, ..BUSY };
+const BUSY: Load = Load { hosts: 2, queued: QUEUED };
+const IDLE_DEVICE: Load = Load { queued: 0, ..BUSY };
 
 fn turn(view: View, served: u64) -> Turn {
     Turn { view, priority: Priority::Normal, served }
@@ -36,14 +50,10 @@ fn rule(view: View, load: Load) -> Option<Rule> {
     choose(&[turn(view, 0)], load, Sharing::Fair).map(|choice| choice.rule)
 }
 
-/// A dispatch thread's task.
-fn dispatch_rule(view: View, load: Load) -> Option<Rule> {
-    choose_dispatch(&[turn(view, 0)], load, Sharing::Fair).map(|choice| choice.rule)
-}
-
-/// True if a dispatch thread has a task.
-fn dispatched(view: View, load: Load) -> bool {
-    dispatch_rule(view, load).is_some()
+/// True if the device is given a bundle.
+fn submitted(view: View, load: Load) -> bool {
+    let choice = choose_device(&[turn(view, 0)], load, Sharing::Fair);
+    choice.is_some_and(|choice| choice.rule == Rule::Submit)
 }
 
 #[test]
@@ -73,7 +83,7 @@ fn the_device_alone_traces_unless_lost() {
     let view = View { unit: Unit::Gpu, trace: 1, need_more: 1, ..IDLE };
     assert_eq!(rule(view, BUSY), None);
     assert_eq!(rule(View { unit: Unit::Cpu, ..view }, BUSY), Some(Rule::Trace));
-    let dispatch = |view| dispatched(view, IDLE_DEVICE);
+    let dispatch = |view| submitted(view, IDLE_DEVICE);
     let small = View { trace: 0, ..view };
     assert!(dispatch(view) && dispatch(small));
     assert!(!dispatch(View { tiles_left: 1, ..small }) && !dispatch(View { shade: 1, ..small }));
@@ -107,7 +117,7 @@ fn the_job_served_least_is_next() {
     let turns = [turn(ALL, 5 * TURN_RAYS), turn(ALL, 4 * TURN_RAYS - 1), turn(ALL, 3 * TURN_RAYS)];
     assert_eq!(choose(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
     assert_eq!(choose(&turns, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
-    assert_eq!(choose_dispatch(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
+    assert_eq!(choose_device(&turns, IDLE_DEVICE, Sharing::Fair).map(|c| c.job), Some(1));
 }
 
 #[test]
@@ -126,10 +136,11 @@ fn a_small_stream_waits_only_while_it_may_grow() {
 #[test]
 fn streams_are_large_until_the_tail() {
     let limits = Limits::for_tests();
-    let full = |left| threshold(left, 2, false, &limits);
+    let full = |left| threshold(left, 2, &limits);
     assert_eq!((full(u64::MAX), full(0)), (limits.threshold, limits.chunk_rays));
     assert_eq!(full(8 * 3000 - 1), 3000);
-    assert_eq!(threshold(0, 2, true, &limits), limits.threshold);
+    let whole = Limits { shrink_streams: false, ..limits };
+    assert_eq!(threshold(0, 2, &whole), limits.threshold);
     // Streams that were full earlier still are, so few can be full: about as many as L makes at this threshold.
     for left in (1..300_000).step_by(37) {
         assert!(full(left) <= full(left + 37));
@@ -140,92 +151,163 @@ fn streams_are_large_until_the_tail() {
 #[test]
 fn chunks_are_large_until_the_tail() {
     let limits = Limits::for_tests();
-    let chunk = |waiting| chunk_rays(waiting, 4, false, &limits);
+    let chunk = |waiting| chunk_rays(waiting, 4, &limits);
     assert_eq!(chunk(u64::MAX), limits.chunk_rays_most);
     assert_eq!(chunk(0), limits.chunk_rays);
     assert_eq!(chunk(8 * 3 * limits.chunk_rays as u64 - 1), 3 * limits.chunk_rays);
-    assert_eq!(chunk_rays(u64::MAX, 4, true, &limits), limits.chunk_rays);
     let sizes: Vec<_> = (0..100_000).step_by(997).map(chunk).collect();
     assert!(sizes.is_sorted() && sizes.iter().all(|size| size % limits.chunk_rays == 0));
 }
 
 #[test]
-fn moonray_keeps_on_the_cpu_what_is_small_or_would_wait() {
-    let full = View { policy: Policy::MoonRay, trace: 1, trace_rays: 20_000, ..IDLE };
-    let load = |dispatchers, idle_dispatchers| Load { hosts: 2, dispatchers, idle_dispatchers };
-    // One dispatch thread is served, and up to three wait.
-    for (dispatchers, idle, device) in
-        [(4, 4, true), (4, 1, true), (4, 0, false), (8, 5, true), (8, 4, false)]
+fn a_bundle_is_submitted_when_it_is_full_or_the_device_has_none() {
+    let full = |trace_rays| View { trace: 3, trace_rays, on_device: 1, shade: 1, ..IDLE };
+    let load = |queued| Load { hosts: 2, queued };
+    for (trace_rays, queued, is_submitted) in
+        [(100, 0, true), (49_999, 1, false), (50_000, 1, true), (1 << 20, 2, false)]
     {
-        let load = load(dispatchers, idle);
-        assert_eq!(dispatched(full, load), device, "{load:?}");
+        assert_eq!(submitted(full(trace_rays), load(queued)), is_submitted, "{trace_rays} {queued}");
+    }
+    // What will not be full is not waited for.
+    assert!(submitted(View { shade: 0, ..full(100) }, load(1)));
+    // Of several jobs the bundle that was submitted first is waited for, and a full one is submitted before.
+    let since = |waits_since_ns| turn(View { waits_since_ns, on_device: 1, ..IDLE }, 0);
+    let turns = [since(Some(20)), since(Some(10)), since(None)];
+    let choice = choose_device(&turns, load(2), Sharing::Fair).map(|choice| (choice.job, choice.rule));
+    assert_eq!(choice, Some((1, Rule::Wait)));
+    let ready = turn(full(50_000), 9 * TURN_RAYS);
+    let choice =
+        choose_device(&[turns[0], ready], load(1), Sharing::Fair).map(|choice| (choice.job, choice.rule));
+    assert_eq!(choice, Some((1, Rule::Submit)));
+    // Answers come before all else.
+    assert_eq!(rule(View { answered: 1, ..ALL }, BUSY), Some(Rule::Resolve));
+}
+
+#[test]
+fn moonray_keeps_on_the_cpu_what_is_small_or_would_wait() {
+    let full = View { policy: Policy::MoonRay, trace: 1, trace_rays: 20_000, shade: 0, ..IDLE };
+    for (queued, device) in [(0, true), (1, true), (2, false)] {
+        let load = Load { hosts: 2, queued };
+        assert_eq!(submitted(full, load), device, "{load:?}");
         assert_eq!(rule(full, load), (!device).then_some(Rule::Trace), "{load:?}");
     }
     let small = View { need_more: 1, need_more_rays: 1024, trace: 0, ..full };
-    assert!(!dispatched(small, IDLE_DEVICE) && rule(small, IDLE_DEVICE) == Some(Rule::Flush));
+    assert!(!submitted(small, IDLE_DEVICE) && rule(small, IDLE_DEVICE) == Some(Rule::Flush));
     let larger = View { need_more_rays: 1025, ..small };
-    assert!(dispatched(larger, IDLE_DEVICE) && rule(larger, IDLE_DEVICE).is_none());
-    assert!(!dispatched(View { tiles_left: 1, ..larger }, IDLE_DEVICE), "a tile may still fill it");
+    assert!(submitted(larger, IDLE_DEVICE) && rule(larger, IDLE_DEVICE).is_none());
+    assert!(!submitted(View { tiles_left: 1, ..larger }, IDLE_DEVICE), "a tile may still fill it");
     assert_eq!(rule(larger, BUSY), Some(Rule::Flush));
     assert_eq!(rule(View { unit: Unit::Cpu, ..larger }, IDLE_DEVICE), Some(Rule::Flush));
 }
 
+/// A job of a path tracer on two host threads that take 100 ns to trace a ray and 80 ns to shade one, beside a device
+/// that takes 10 ns and has a latency of a tenth of a millisecond.
+const MEASURED: View = View {
+    policy: Policy::MeasuredRate,
+    trace: 4,
+    trace_rays: 40_000,
+    cpu: Pace { rays: 1000, ns: 100_000 },
+    shading: Pace { rays: 1000, ns: 80_000 },
+    device: DevicePace {
+        bundles: 9,
+        submit_ns: 50_000,
+        resolving: Pace { rays: 1000, ns: 3000 },
+        turnaround: Line { ns_for_1024: 10_240, latency_ns: 100_000 },
+    },
+    paths_left: 1_000_000,
+    lengths: PathLengths { shaded: 5000, continued: 4000, rays: 5000, shadow_rays: 4000 },
+    ..IDLE
+};
+
 #[test]
-fn measured_rates_let_both_units_end_together() {
-    // A host thread traces a ray in 100 ns.
-    let cpu = Pace { rays: 1000, ns: 100_000 };
-    let view = |gpu_ns: u64, trace: usize, waiting_rays| View {
-        policy: Policy::MeasuredRate,
-        trace,
-        trace_rays: 10_000 * trace,
-        waiting_rays,
-        cpu,
-        gpu: Pace { rays: 1000, ns: 1000 * gpu_ns },
-        ..IDLE
+fn a_device_is_fed_while_its_rays_cost_less_than_the_hosts_own() {
+    assert!(submitted(MEASURED, IDLE_DEVICE) && rule(MEASURED, IDLE_DEVICE).is_none());
+    let with = |resolve_ns, submit_ns| {
+        let resolving = Pace { rays: 1, ns: resolve_ns };
+        View { device: DevicePace { resolving, submit_ns, ..MEASURED.device }, ..MEASURED }
     };
-    // Two host threads need 0.5 ms for a stream, this device 10 ms: only while there is much to do.
-    assert!(dispatched(view(1000, 2, 1_000_000), IDLE_DEVICE));
-    let tail = view(1000, 2, 20_000);
-    assert!(!dispatched(tail, IDLE_DEVICE) && rule(tail, IDLE_DEVICE) == Some(Rule::Trace));
-    assert_eq!(rule(tail, BUSY), Some(Rule::Trace));
-    // A fast device, 0.1 ms a stream, has traced its streams before host threads have traced one.
-    let fast = view(10, 2, 20_000);
-    assert!(dispatched(fast, IDLE_DEVICE) && rule(fast, BUSY).is_none());
-    // Not if it has a great many.
-    assert_eq!(rule(view(10, 40, 400_000), BUSY), Some(Rule::Trace));
-    // Units that have not been measured are tried.
-    let unknown = View { cpu: Pace::default(), ..tail };
-    assert!(dispatched(unknown, IDLE_DEVICE) && rule(unknown, BUSY) == Some(Rule::Trace));
+    for expensive in [with(101, 0), with(3, 4_000_000)] {
+        assert!(!submitted(expensive, IDLE_DEVICE), "no device is an answer");
+        assert_eq!(rule(expensive, IDLE_DEVICE), Some(Rule::Trace));
+    }
+    // A full queue is helped, if a stream takes less time than the bundle that comes back first.
+    let full = View { trace_rays: 80_000, trace: 8, on_device: 2, on_device_rays: 400_000, ..MEASURED };
+    assert_eq!(rule(full, BUSY), Some(Rule::Trace));
+    assert_eq!(rule(View { on_device_rays: 4000, ..full }, BUSY), None);
+    // While the next bundle is not full, tiles come first.
+    assert_eq!(rule(View { tiles_left: 9, shade: 3, ..MEASURED }, BUSY), Some(Rule::Spawn));
+}
+
+#[test]
+fn at_the_tail_a_device_is_fed_only_if_no_thread_has_to_wait_for_it() {
+    // These are the last rays: two threads trace them in 2 ms, the device answers after 0.5 ms.
+    let last = View { paths_left: 22_000, ..MEASURED };
+    assert!(submitted(last, IDLE_DEVICE));
+    let slow = |latency_ns| {
+        let turnaround = Line { latency_ns, ..last.device.turnaround };
+        View { device: DevicePace { turnaround, ..last.device }, ..last }
+    };
+    assert!(!submitted(slow(5_000_000), IDLE_DEVICE), "both threads would wait");
+    assert!(
+        submitted(View { paths_left: 1_000_000, ..slow(5_000_000) }, IDLE_DEVICE),
+        "they have other work"
+    );
+    assert!(!submitted(View { on_device: 1, on_device_rays: 400_000, ..last }, IDLE_DEVICE));
+}
+
+#[test]
+fn a_device_is_tried_with_one_bundle_once_host_threads_have_traced() {
+    let fresh = View { device: DevicePace::default(), cpu: Pace::default(), need_more: 1, ..MEASURED };
+    assert!(!submitted(fresh, IDLE_DEVICE) && rule(fresh, IDLE_DEVICE) == Some(Rule::Flush));
+    let traced = View { cpu: MEASURED.cpu, need_more: 0, ..fresh };
+    assert!(submitted(traced, IDLE_DEVICE));
+    let tried = View { device: DevicePace { bundles: 1, ..DevicePace::default() }, on_device: 1, ..traced };
+    assert!(!submitted(tried, IDLE_DEVICE) && rule(tried, IDLE_DEVICE) == Some(Rule::Trace));
 }
 
 #[test]
 fn under_every_policy_some_thread_takes_a_full_stream() {
     for policy in Policy::ALL {
-        for case in 0..10_000u64 {
+        for case in 0..30_000u64 {
             let random = |salt: u64| super::ledger::mix(case << 8 | salt);
-            let dispatchers = 1 + random(0) as usize % 6;
-            let load = Load {
-                hosts: 1 + random(1) as usize % 8,
-                dispatchers,
-                idle_dispatchers: random(2) as usize % (dispatchers + 1),
-            };
+            let pace = |salt| Pace { rays: random(salt) % 1000, ns: random(salt + 1) % 1_000_000 };
+            let on_device = random(1) as usize % (QUEUED + 1);
+            let load = Load { hosts: 1 + random(2) as usize % 8, queued: on_device };
+            let shaded = random(20) % 1_000_000;
             let view = View {
                 policy,
                 need_more: random(3) as usize % 2,
                 need_more_rays: random(4) as usize % 4096,
                 trace: random(5) as usize % 2,
-                trace_rays: random(6) as usize % 50_000,
+                trace_rays: random(6) as usize % 100_000,
                 waiting_rays: random(7) % 500_000,
-                cpu: Pace { rays: random(8) % 1000, ns: random(9) % 1_000_000 },
-                gpu: Pace { rays: random(10) % 1000, ns: random(11) % 1_000_000 },
+                cpu: pace(8),
+                shading: pace(10),
+                device: DevicePace {
+                    bundles: random(12) % 3,
+                    submit_ns: random(13) % 1_000_000,
+                    resolving: pace(14),
+                    turnaround: Line {
+                        ns_for_1024: random(16) % 1_000_000,
+                        latency_ns: random(17) % 10_000_000,
+                    },
+                },
+                on_device,
+                on_device_rays: if on_device == 0 { 0 } else { random(18) % 500_000 },
+                paths_left: random(19) % 1_000_000,
+                lengths: PathLengths {
+                    shaded,
+                    continued: random(21) % (shaded + 1),
+                    rays: random(22) % 1_000_000,
+                    shadow_rays: random(23) % 1_000_000,
+                },
                 ..IDLE
             };
             if view.trace + view.need_more > 0 {
-                let device = dispatched(view, load);
-                let idle = device && load.idle_dispatchers > 0;
-                // A busy device comes back; host threads have to wait for it only if it may take the stream.
-                let busy = device && load.idle_dispatchers == 0 && view.trace > 0;
-                assert!(idle || busy || rule(view, load).is_some(), "{view:?} {load:?}");
+                // A device that has a bundle comes back.
+                let comes_back = on_device > 0;
+                let takes = submitted(view, load) || rule(view, load).is_some();
+                assert!(takes || comes_back, "{view:?} {load:?}");
             }
         }
     }
@@ -245,9 +327,9 @@ fn a_lower_priority_gets_what_the_higher_ones_leave() {
         job(&[at(low, ALL), at(normal, IDLE), at(high, View { ended: true, ..ALL })]),
         Some((0, Rule::Spawn))
     );
-    // Dispatch threads too.
+    // The device thread too.
     let full = View { trace: 1, ..IDLE };
-    let choice = choose_dispatch(&[at(low, full), at(normal, full)], IDLE_DEVICE, Sharing::FirstIn);
+    let choice = choose_device(&[at(low, full), at(normal, full)], IDLE_DEVICE, Sharing::FirstIn);
     assert_eq!(choice.map(|choice| choice.job), Some(1));
 }
 

@@ -25,7 +25,7 @@ impl Tracer for ByOrigin {
 
 #[test]
 fn queries_answer_each_ray_in_its_place() {
-    let service = service(4, 0);
+    let service = service(4, false);
     for count in [0, 1, 512, 513, 16 * 1024, 100_001_usize] {
         let rays = (0..count).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() });
         let rays: Arc<[Ray]> = rays.collect();
@@ -49,7 +49,7 @@ fn queries_answer_each_ray_in_its_place() {
 
 #[test]
 fn a_query_can_be_cancelled() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let gated = Gated::new();
     let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) > 0);
@@ -79,7 +79,7 @@ impl Tracer for Witness {
 
 #[test]
 fn few_rays_are_traced_by_the_caller_and_the_report_says_so() {
-    let service = service(2, 0);
+    let service = service(2, false);
     let rays = |count| vec![Ray::default(); count].into();
     let ask = |count, options: JobOptions, unit| {
         let witness = Arc::new(Witness::default());
@@ -114,7 +114,7 @@ fn few_rays_are_traced_by_the_caller_and_the_report_says_so() {
 
 #[test]
 fn a_stopped_query_has_answers_to_its_first_rays() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let gated = Gated::new();
     let gate = service.submit(Arc::clone(&gated), blind(), JobOptions::default()).unwrap();
     wait_until(|| gated.spawned.load(Relaxed) > 0);

@@ -19,7 +19,7 @@ impl Held for IsOver<'_> {
 
 #[test]
 fn jobs_borrow_from_the_stack() {
-    let service = service(2, 0);
+    let service = service(2, false);
     let ledgers = [1, 2, 3].map(|seed| Ledger::new(Script { seed, ..SCRIPT }));
     let tracers = |ledger: &Arc<Ledger>| Tracers::cpu(Arc::clone(ledger) as _);
     let camera_rays: u64 = service.scope(|scope| {
@@ -52,7 +52,7 @@ fn leave(service: &Service, end: impl Fn(super::super::JobHandle)) -> u64 {
 
 #[test]
 fn every_job_is_over_before_its_scope_returns() {
-    let service = service(1, 0);
+    let service = service(1, false);
     assert_eq!(leave(&service, std::mem::forget), 50);
     assert_eq!(leave(&service, super::super::JobHandle::detach), 50);
     assert!(leave(&service, drop) <= 1, "dropping the handle cancels");
@@ -68,7 +68,7 @@ fn every_job_is_over_before_its_scope_returns() {
 
 #[test]
 fn a_panic_cancels_what_the_scope_has_submitted() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let endless = Gated::with_tiles(u64::MAX);
     endless.open();
     let panicked = catch_unwind(AssertUnwindSafe(|| {
@@ -82,7 +82,7 @@ fn a_panic_cancels_what_the_scope_has_submitted() {
 
 #[test]
 fn a_handle_may_outlive_its_scope() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let gated = Gated::new();
     let job = service.scope(|scope| {
         gated.open();

@@ -1,6 +1,6 @@
 //! A seeded driver in one thread of the same state machine that the service's threads drive: random interleavings of
-//! host and dispatch threads, tasks of random length, jobs that are submitted, stopped, cancelled or panic, and devices
-//! that die. [`HISTORIES`] seeds are run.
+//! host threads and a device thread, tasks of random length, jobs that are submitted, stopped, cancelled or panic, and
+//! devices that die. [`HISTORIES`] seeds are run.
 
 use super::super::pool::Pool;
 use super::super::report::{JobReport, Progress};
@@ -104,12 +104,12 @@ struct Simulation {
 impl Simulation {
     fn new(seed: u64) -> Self {
         let mut random = Random(mix(seed));
-        let (hosts, dispatchers) = (random.range(1, 5), random.range(0, 3));
+        let (hosts, device_thread) = (random.range(1, 5), !random.one_in(4));
         let sharing = random.pick(&[Sharing::Fair, Sharing::FirstIn]);
         let mut simulation = Self {
             state: State::new(&ServiceOptions {
                 host_threads: hosts,
-                dispatch_threads: dispatchers,
+                device_thread,
                 max_jobs: random.range(1, 3),
                 max_queries: random.range(1, 3),
                 sharing,
@@ -117,7 +117,7 @@ impl Simulation {
             }),
             pool: Pool::new(2),
             hosts,
-            threads: (0..hosts + dispatchers).map(|_| Status::Ready).collect(),
+            threads: (0..hosts + usize::from(device_thread)).map(|_| Status::Ready).collect(),
             cases: Vec::new(),
             now_ns: 0,
             scratch: ChunkScratch::default(),
@@ -146,16 +146,15 @@ impl Simulation {
             shadow_rays_per_ray: random.range(0, 2),
             panic_at: panics.then(|| random.next() % 60),
         };
-        let dispatches = random.next() % 12;
-        let fate = random.pick(&[Fate::Lives, Fate::Lives, Fate::Lost(dispatches), Fate::Panics(dispatches)]);
+        let fate = if random.one_in(2) { Fate::Lives } else { Fate::any(random.next(), random.next() % 12) };
         let ledger = Ledger::new(script);
         let device = Arc::new(FakeDevice {
             ledger: Arc::clone(&ledger),
             fate,
-            // In pieces, a device that dies would have traced some rays already, which would count twice.
-            max_rays: if fate == Fate::Lives { random.pick(&[1, 7, 1000]) } else { 1000 },
+            bundle_rays: random.range(1, 200),
+            patience: random.next() % 4,
             delay: Default::default(),
-            dispatches: Default::default(),
+            counts: Default::default(),
         });
         let tracers = Tracers {
             device: (!random.one_in(6)).then_some(device as _),
@@ -178,8 +177,7 @@ impl Simulation {
         };
         let outbox = Arc::new(Outbox::default());
         let receiver = Arc::clone(&outbox) as _;
-        let dispatchers = self.threads.len() - self.hosts;
-        let threads = (self.hosts, dispatchers);
+        let threads = (self.hosts, self.threads.len() > self.hosts);
         let submission =
             prepare(Arc::clone(&ledger), tracers, &options, threads, &self.pool, receiver).unwrap();
         let submission = Submission { is_query: self.random.one_in(3), ..submission };
@@ -356,7 +354,7 @@ impl Case {
                 let traced = report
                     .timeline
                     .iter()
-                    .filter(|task| matches!(task.kind, TaskKind::Trace | TaskKind::Dispatch));
+                    .filter(|task| matches!(task.kind, TaskKind::Trace | TaskKind::Resolve));
                 let traced: u64 = traced.map(|task| u64::from(task.rays)).sum();
                 assert_eq!(traced, report.rays.total(), "the timeline has every ray");
                 assert_eq!(report.shading.rays, report.rays.total(), "every ray is shaded");

@@ -60,7 +60,7 @@ fn handles_and_controls_can_be_sent_shared_and_printed() {
 
 #[test]
 fn controls_steer_from_other_threads_and_outlive_the_handle() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, job) = held(&service, JobOptions::default().with_name("a frame"));
     let controls = [job.control(), job.control()];
     let [control, other] = controls.clone();
@@ -82,7 +82,7 @@ fn controls_steer_from_other_threads_and_outlive_the_handle() {
 
 #[test]
 fn a_result_is_taken_once_without_waiting() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, mut job) = held(&service, JobOptions::default());
     assert_eq!(job.try_wait(), None);
     gated.open();
@@ -97,7 +97,7 @@ fn a_result_is_taken_once_without_waiting() {
 
 #[test]
 fn a_job_is_a_future() {
-    let service = service(2, 0);
+    let service = service(2, false);
     let (gated, job) = held(&service, JobOptions::default());
     let opener = thread::spawn(move || {
         thread::sleep(Duration::from_millis(5));
@@ -124,7 +124,7 @@ fn the_last_waker_is_woken_once_and_foreign_panics_in_it_are_caught() {
             std::panic::resume_unwind(Box::new("a waker that panics"));
         }
     }
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, mut job) = held(&service, JobOptions::default());
     let poll = |job: &mut JobHandle, waker: &Waker| {
         std::pin::Pin::new(job).poll(&mut Context::from_waker(waker)).is_ready()
@@ -150,7 +150,7 @@ fn the_last_waker_is_woken_once_and_foreign_panics_in_it_are_caught() {
 
 #[test]
 fn dropping_a_future_half_way_cancels() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, job) = held(&service, JobOptions::default());
     let mut job = Box::pin(job);
     assert!(job.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
@@ -162,7 +162,7 @@ fn dropping_a_future_half_way_cancels() {
 
 #[test]
 fn callbacks_are_called_once_whenever_they_come_and_may_panic() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, job) = held(&service, JobOptions::default());
     let (sender, received) = mpsc::channel();
     let tell = |what: &'static str| {
@@ -203,7 +203,7 @@ fn callbacks_are_called_once_whenever_they_come_and_may_panic() {
 
 #[test]
 fn a_detached_job_runs_to_its_end() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let (gated, job) = held(&service, JobOptions::default());
     job.detach();
     gated.open();
@@ -215,7 +215,7 @@ fn a_detached_job_runs_to_its_end() {
 fn order(jobs: &[(&'static str, JobOptions)], change: impl Fn(&[JobHandle])) -> Vec<&'static str> {
     let options = ServiceOptions {
         host_threads: 1,
-        dispatch_threads: 0,
+        device_thread: false,
         max_jobs: 1 + jobs.len(),
         ..Default::default()
     };
@@ -255,7 +255,7 @@ fn jobs_end_in_the_order_of_their_priorities() {
 
 #[test]
 fn a_background_job_waits_for_all_others() {
-    let service = service(1, 0);
+    let service = service(1, false);
     let endless = Gated::with_tiles(u64::MAX);
     endless.open();
     let frame = submit(&service, &endless, JobOptions::default());
@@ -272,7 +272,7 @@ fn a_background_job_waits_for_all_others() {
 
 #[test]
 fn queries_and_interactive_jobs_do_not_wait_for_frames_to_end() {
-    let options = ServiceOptions { host_threads: 2, dispatch_threads: 0, max_jobs: 1, ..Default::default() };
+    let options = ServiceOptions { host_threads: 2, device_thread: false, max_jobs: 1, ..Default::default() };
     let service = Service::new(options).unwrap();
     let endless = Gated::with_tiles(u64::MAX);
     endless.open();
@@ -298,7 +298,7 @@ fn queries_and_interactive_jobs_do_not_wait_for_frames_to_end() {
 #[test]
 fn queries_have_a_bound_of_their_own() {
     let options =
-        ServiceOptions { host_threads: 1, dispatch_threads: 0, max_queries: 2, ..Default::default() };
+        ServiceOptions { host_threads: 1, device_thread: false, max_queries: 2, ..Default::default() };
     let service = Service::new(options).unwrap();
     let (gate, first) = held(&service, JobOptions::default());
     let rays: Arc<[Ray]> = vec![Ray::default(); 3000].into();
@@ -313,7 +313,7 @@ fn queries_have_a_bound_of_their_own() {
 #[test]
 fn tasks_are_small_while_an_interactive_client_is_registered() {
     let shaded_before = |client: bool| {
-        let service = service(1, 0);
+        let service = service(1, false);
         let client = client.then(|| service.interactive());
         let gated = Gated::in_shading(1000);
         let sizes = JobOptions::default().with_batch_rays(10).with_chunk_rays(10, 2000);

@@ -12,7 +12,7 @@ fn pooled(workers: usize) -> (Arc<rayon::ThreadPool>, Service) {
     let name = |index| format!("worker {index}");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(workers).thread_name(name).build();
     let pool = Arc::new(pool.unwrap());
-    let options = ServiceOptions::default().with_dispatch_threads(1).with_rayon_pool(Arc::clone(&pool));
+    let options = ServiceOptions::default().with_device_thread(true).with_rayon_pool(Arc::clone(&pool));
     let service = Service::new(options).unwrap();
     (pool, service)
 }

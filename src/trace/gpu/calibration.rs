@@ -1,21 +1,21 @@
-//! Calibration: measures which kernels and sizes of streams suit a device, once for each adapter and driver.
+//! Calibration: measures which kernels and sizes of bundles suit a device, once for each adapter and driver.
 //!
-//! A dispatch has a fixed cost, however few rays it has. Streams are so large that this is an eighth of a dispatch's
-//! time ([`Measured::sizing`]). The scene is not the user's: the same hills and rays are used on every machine, so that
+//! A submission has a fixed cost, however few rays it has. Bundles are so large that this is an eighth of their time
+//! ([`Measured::bundle_rays`]). The scene is not the user's: the same hills and rays are used on every machine, so that
 //! the result can be kept. All measurements are interleaved, round after round, and the fastest of each counts, because
 //! whatever else the machine does can only add time.
 
-use super::tuning_cache::{self, FEW_IN_FLIGHT, IN_FLIGHT, STREAM_RAYS, TunedSizes};
+use super::tuning_cache::{self, BUNDLE_RAYS, TunedSizes};
 use super::{Gpu, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
-use crate::stream::{Capacity, Empty, Hit, Ray, RayStream, Sizing, Tracer};
+use crate::stream::{Capacity, Empty, Ray, RayStream, Tracer};
 use glam::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A dispatch's fixed cost is at most one part in this many of its time.
+/// The fixed cost is at most one part in this many of its time.
 const PARTS: f64 = 8.0;
 
 /// Rays of the smallest dispatch that is measured.
@@ -24,10 +24,7 @@ const FEWEST_RAYS: usize = 64;
 /// Dispatches grow until one takes this long.
 const LONG: Duration = Duration::from_millis(2);
 
-/// Rays that the host traces for comparison.
-const HOST_RAYS: usize = 2048;
-
-/// Kernels other than the default, and more streams in flight, must be faster by this factor.
+/// Kernels other than the default must be faster by this factor.
 const GAIN: f64 = 1.1;
 
 /// The fewest rounds of a measurement; there are more as long as [`TIME`] has not passed.
@@ -41,22 +38,12 @@ struct Measured {
     dispatch_ns: f64,
     /// The additional cost of each ray.
     ray_ns: f64,
-    /// The cost of a ray on one host thread.
-    host_ray_ns: f64,
-    /// How long the same work took with each of [`IN_FLIGHT`] streams in flight; infinite where it was not measured.
-    seconds: [f64; IN_FLIGHT.len()],
 }
 
 impl Measured {
-    fn sizing(&self) -> Sizing {
-        let within = |rays: f64| {
-            (rays as usize).clamp(*STREAM_RAYS.start(), *STREAM_RAYS.end()).next_multiple_of(1024)
-        };
-        let threshold = within((PARTS - 1.0) * self.dispatch_ns / self.ray_ns);
-        // The size from which the device is faster than a host thread. A device with slower rays never is.
-        let ahead = self.host_ray_ns - self.ray_ns;
-        let least = if ahead > 0.0 { within(self.dispatch_ns / ahead).min(threshold) } else { threshold };
-        Sizing { threshold, least, in_flight: IN_FLIGHT[best(&self.seconds)] }
+    fn bundle_rays(&self) -> usize {
+        let rays = ((PARTS - 1.0) * self.dispatch_ns / self.ray_ns) as usize;
+        rays.clamp(*BUNDLE_RAYS.start(), *BUNDLE_RAYS.end()).next_multiple_of(1024)
     }
 }
 
@@ -67,8 +54,8 @@ fn best(times: &[f64]) -> usize {
 
 impl Gpu {
     /// Measures which kernels and sizes suit the device, or reads from `folder` what was measured before. `host` makes
-    /// a tracer of the host's. Tracers made from now on use the result ([`crate::stream::DeviceTracer::sizing`]). If
-    /// the device fails meanwhile, there is no result.
+    /// a tracer of the host's. Tracers made from now on use the result ([`crate::stream::DeviceTracer::bundle_rays`]).
+    /// If the device fails meanwhile, there is no result.
     pub fn calibrate(mut self, folder: &Path, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Self {
         self.tuned = tuning_cache::load(folder, self.info());
         if self.tuned.is_some() {
@@ -86,9 +73,9 @@ impl Gpu {
         gpu
     }
 
-    /// The measured sizes of streams, if the device has been calibrated.
-    pub fn sizing(&self) -> Option<Sizing> {
-        self.tuned.map(|tuned| tuned.sizing)
+    /// Rays of a bundle, if the device has been calibrated.
+    pub fn bundle_rays(&self) -> Option<usize> {
+        self.tuned.map(|tuned| tuned.bundle_rays)
     }
 
     /// The layout of scenes with which the device is fastest, or the default if it has not been calibrated.
@@ -161,7 +148,7 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
     let variants: Vec<Variant> = gpu.info().variants().filter(|variant| variant.pairs).collect();
     let tracer = |&variant| GpuTracer::with_variant(gpu.clone(), bvh.clone(), None, host.clone(), variant);
     let tracers: Vec<GpuTracer> = variants.iter().map(tracer).collect::<Result<_, _>>().ok()?;
-    let rays = rays(*STREAM_RAYS.end());
+    let rays = rays(*BUNDLE_RAYS.end());
 
     // The first dispatch is slow, because memory is allocated and touched.
     let mut stream = Stream::new();
@@ -173,7 +160,6 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
         count = (count * 4).min(rays.len());
         (stream, took) = trace(&tracers[0], stream, rays.len(), &rays[..count])?;
     }
-    let mut hits = vec![Hit::NONE; HOST_RAYS];
     let mut pool = vec![stream];
     let times = rounds(|| {
         let mut times = Vec::new();
@@ -189,60 +175,14 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
         for tracer in &tracers {
             time(tracer, FEWEST_RAYS)?;
         }
-        let start = Instant::now();
-        host.closest(&rays[..HOST_RAYS], &mut hits);
-        times.push(start.elapsed());
         Some(times)
     })?;
     let chosen = best(&times[..tracers.len()]);
     let (many, few) = (times[chosen], times[tracers.len() + chosen]);
     let ray_ns = (1e9 * (many - few) / (count - FEWEST_RAYS) as f64).max(1e-3);
     let dispatch_ns = (1e9 * few - FEWEST_RAYS as f64 * ray_ns).max(0.0);
-    let host_ray_ns = 1e9 * times[2 * tracers.len()] / HOST_RAYS as f64;
-    let seconds = [f64::INFINITY; IN_FLIGHT.len()];
-    let mut measured = Measured { dispatch_ns, ray_ns, host_ray_ns, seconds };
-
-    // Each stream in flight has a thread that resolves its answers.
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let candidates = || IN_FLIGHT.iter().copied().filter(|&n| n <= FEW_IN_FLIGHT.max(threads));
-    let (tracer, stream_rays) = (&tracers[chosen], &rays[..measured.sizing().threshold.min(count)]);
-    let streams = candidates().max()?;
-    pool.resize_with(streams, Stream::new);
-    for stream in &mut pool {
-        let taken = std::mem::replace(stream, Stream::new());
-        *stream = trace(tracer, taken, stream_rays.len(), stream_rays)?.0;
-    }
-    let times = rounds(|| {
-        candidates().map(|in_flight| with_in_flight(tracer, &mut pool, in_flight, stream_rays)).collect()
-    })?;
-    measured.seconds[..times.len()].copy_from_slice(&times);
-    Some(TunedSizes { sizing: measured.sizing(), variant: variants[chosen] })
-}
-
-/// How long it takes to trace as many streams of these rays as `pool` has when `in_flight` of them are in flight.
-fn with_in_flight(
-    tracer: &GpuTracer,
-    pool: &mut Vec<Stream>,
-    in_flight: usize,
-    rays: &[Ray],
-) -> Option<Duration> {
-    let streams = pool.len();
-    let taken: Vec<Stream> = pool.drain(..in_flight).collect();
-    let work = |mut stream: Stream| {
-        for _ in 0..streams / in_flight {
-            stream = trace(tracer, stream, rays.len(), rays)?.0;
-        }
-        Some(stream)
-    };
-    let start = Instant::now();
-    let back: Option<Vec<Stream>> = std::thread::scope(|scope| {
-        let work = &work;
-        let threads: Vec<_> = taken.into_iter().map(|stream| scope.spawn(move || work(stream))).collect();
-        threads.into_iter().map(|thread| thread.join().ok().flatten()).collect()
-    });
-    let took = start.elapsed();
-    pool.extend(back?);
-    Some(took)
+    let bundle_rays = Measured { dispatch_ns, ray_ns }.bundle_rays();
+    Some(TunedSizes { bundle_rays, variant: variants[chosen] })
 }
 
 #[cfg(test)]
@@ -251,28 +191,14 @@ mod tests {
     use crate::trace::cpu::Oracle;
     use crate::trace::gpu::AdapterChoice;
 
-    const LAVAPIPE: Measured = Measured {
-        dispatch_ns: 3e5,
-        ray_ns: 400.0,
-        host_ray_ns: 150.0,
-        seconds: [0.02, 0.0195, 0.03, f64::INFINITY, f64::INFINITY],
-    };
-
     #[test]
     fn sizes_follow_from_times() {
-        // A slow device: a host thread is faster at any size.
-        let threshold = 6 * 1024;
-        assert_eq!(LAVAPIPE.sizing(), Sizing { threshold, least: threshold, in_flight: 1 });
-        // A fast one: 0.1 ms a dispatch, two billion rays a second.
-        let fast = Measured {
-            dispatch_ns: 1e5,
-            ray_ns: 0.5,
-            host_ray_ns: 150.0,
-            seconds: [0.04, 0.02, 0.012, 0.0115, 0.008],
-        };
-        assert_eq!(fast.sizing(), Sizing { threshold: 1 << 18, least: 1024, in_flight: 16 });
-        let free = Measured { dispatch_ns: 0.0, ray_ns: 1e-3, ..fast };
-        assert_eq!(free.sizing().threshold, 1024);
+        let lavapipe = Measured { dispatch_ns: 3e5, ray_ns: 400.0 };
+        assert_eq!(lavapipe.bundle_rays(), 6 * 1024);
+        // A fast one: 0.1 ms a submission, two billion rays a second.
+        let fast = Measured { dispatch_ns: 1e5, ray_ns: 0.5 };
+        assert_eq!(fast.bundle_rays(), 1 << 18);
+        assert_eq!(Measured { dispatch_ns: 0.0, ray_ns: 1e-3 }.bundle_rays(), 1024);
     }
 
     #[test]
@@ -302,13 +228,13 @@ mod tests {
     fn a_device_is_measured_once() {
         let folder = tempfile::tempdir().expect("a folder");
         let gpu = gpu().calibrate(folder.path(), host);
-        let sizing = gpu.sizing().unwrap_or_else(|| panic!("the device answers: {:?}", gpu.lost()));
-        assert!(STREAM_RAYS.contains(&sizing.threshold) && sizing.least <= sizing.threshold, "{sizing:?}");
+        let bundle_rays = gpu.bundle_rays().unwrap_or_else(|| panic!("it answers: {:?}", gpu.lost()));
+        assert!(BUNDLE_RAYS.contains(&bundle_rays), "{bundle_rays}");
         let variant = gpu.variant();
-        assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(TunedSizes { sizing, variant }));
+        assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(TunedSizes { bundle_rays, variant }));
         let never = |_| -> Arc<dyn Tracer> { panic!("measured again") };
         let again = gpu.calibrate(folder.path(), never);
-        assert_eq!((again.sizing(), again.variant()), (Some(sizing), variant));
+        assert_eq!((again.bundle_rays(), again.variant()), (Some(bundle_rays), variant));
     }
 
     #[test]
@@ -316,6 +242,6 @@ mod tests {
         let file = tempfile::NamedTempFile::new().expect("a file");
         // A file is no folder.
         let gpu = gpu().calibrate(file.path(), host);
-        assert!(gpu.sizing().is_some(), "{:?}", gpu.lost());
+        assert!(gpu.bundle_rays().is_some(), "{:?}", gpu.lost());
     }
 }

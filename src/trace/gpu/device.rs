@@ -9,7 +9,7 @@ use super::watchdog::Watchdog;
 use super::{Fault, GpuError, device_tree, probe};
 use crate::stream::panic_message;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 /// dispatches take: wgpu 30 panics ("If the queue is empty ...") when a wait has timed out and another thread sees the
 /// submission done at the same moment.
 const POLL_INTERVAL: Duration = Duration::from_secs(2);
+
+/// How long a thread sleeps between two looks at a submission.
+const LOOK_INTERVAL: Duration = Duration::from_micros(50);
 
 /// Why the device is lost; set once.
 type LossReason = Arc<OnceLock<String>>;
@@ -200,6 +203,56 @@ impl Gpu {
         self.loss.get_or_init(|| reason).clone()
     }
 
+    /// Looks whether a submission is done, within [`Gpu::guard`], for at most about `timeout`. One that takes longer
+    /// than the watchdog allows counts as a loss.
+    pub(super) fn look(
+        &self,
+        submission: &wgpu::SubmissionIndex,
+        is_done: &AtomicBool,
+        submitted: Instant,
+        timeout: Duration,
+    ) -> Result<bool, String> {
+        let start = Instant::now();
+        loop {
+            let left = timeout.saturating_sub(start.elapsed());
+            if left >= POLL_INTERVAL {
+                // A driver knows how to wait; what it says is looked up below.
+                let index = Some(submission.clone());
+                let interval = POLL_INTERVAL.min(self.watchdog.limit());
+                let wait = wgpu::PollType::Wait { submission_index: index, timeout: Some(interval) };
+                match self.device.poll(wait) {
+                    Ok(_) | Err(wgpu::PollError::Timeout) => {}
+                    Err(error) => return Err(error.to_string()),
+                }
+            } else {
+                self.device.poll(wgpu::PollType::Poll).map_err(|error| error.to_string())?;
+            }
+            if is_done.load(Ordering::Acquire) {
+                return Ok(true);
+            }
+            if let Some(reason) = self.lost() {
+                return Err(reason.to_owned());
+            }
+            self.watch(submitted, self.watchdog.limit())?;
+            if left.is_zero() {
+                return Ok(false);
+            }
+            if left < POLL_INTERVAL {
+                std::thread::sleep(LOOK_INTERVAL.min(left));
+            }
+        }
+    }
+
+    /// Gives up a device whose submission takes longer than it may.
+    fn watch(&self, submitted: Instant, limit: Duration) -> Result<(), String> {
+        if submitted.elapsed() < limit {
+            return Ok(());
+        }
+        // Dropping the queue would wait for the submission without end.
+        std::mem::forget((self.device.clone(), self.queue.clone()));
+        Err(format!("a dispatch did not return within {limit:?}"))
+    }
+
     /// Waits for a submission, within [`Gpu::guard`]; returns how long that took. A submission that takes longer than
     /// the watchdog allows counts as a loss, and no thread waits for the device again.
     pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
@@ -263,12 +316,7 @@ impl Gpu {
             if let Some(reason) = self.lost() {
                 return Err(reason.to_owned());
             }
-            let limit = limit();
-            if start.elapsed() >= limit {
-                // Dropping the queue would wait for the submission without end.
-                std::mem::forget((self.device.clone(), self.queue.clone()));
-                return Err(format!("a dispatch did not return within {limit:?}"));
-            }
+            self.watch(start, limit())?;
         }
     }
 }

@@ -45,7 +45,7 @@ pub(super) enum Request<'a, A> {
     /// In any host memory.
     InHostMemory { rays: &'a [Ray], answers: &'a mut [A] },
     /// A range of memory that this device shares with the host.
-    InDeviceMemory { rays: &'a mut SharedBuffer<Ray>, answers: &'a mut SharedBuffer<A>, range: Range<usize> },
+    InDeviceMemory { rays: &'a SharedBuffer<Ray>, answers: &'a mut SharedBuffer<A>, range: Range<usize> },
 }
 
 /// Buffers on the device for the rays and answers of one dispatch.
@@ -179,7 +179,7 @@ impl KernelPipeline {
         let staging = match request {
             Request::InDeviceMemory { rays, answers, range } if self.shared_memory => {
                 let offset = |size: usize| (range.start * size) as u64;
-                let rays = bind_part(rays.give_to_device(), offset(size_of::<Ray>()), ray_bytes);
+                let rays = bind_part(rays.buffer(), offset(size_of::<Ray>()), ray_bytes);
                 let answers = bind_part(answers.give_to_device(), offset(self.answer_bytes), answer_bytes);
                 self.encode_kernel(device, encoder, scene, (rays, lent, answers), count);
                 None
@@ -187,7 +187,7 @@ impl KernelPipeline {
             Request::InDeviceMemory { rays, answers, range } => {
                 let offset = |size: usize| (range.start * size) as u64;
                 let staging = self.take_staging(device, count);
-                let (rays, ray_offset) = (rays.give_to_device(), offset(size_of::<Ray>()));
+                let (rays, ray_offset) = (rays.buffer(), offset(size_of::<Ray>()));
                 encoder.copy_buffer_to_buffer(rays, ray_offset, &staging.rays, 0, ray_bytes);
                 let bindings = staging.bindings(lent, ray_bytes, answer_bytes);
                 self.encode_kernel(device, encoder, scene, bindings, count);
@@ -294,10 +294,7 @@ impl KernelPipeline {
         let InFlight { encoded: Encoded { params, list, staging, answer_bytes }, mapped, listed } = in_flight;
         let undecided = listed.map(|listed| list.read(&listed, request.len())).transpose()?;
         match request {
-            Request::InDeviceMemory { rays, answers, .. } => {
-                rays.return_to_host();
-                answers.return_to_host();
-            }
+            Request::InDeviceMemory { answers, .. } => answers.return_to_host(),
             Request::InHostMemory { answers, .. } => {
                 let readback = &staging.as_ref().expect("rays of host memory are staged").readback;
                 // The submission is done, but the callback runs on the thread that polled first, perhaps not yet.
@@ -320,11 +317,11 @@ impl KernelPipeline {
 }
 
 impl Encoded {
-    /// Requests that the answers be mapped, and if kernels write it the list of undecided rays, after the commands have
-    /// been submitted.
-    pub fn map<A>(self, request: &Request<'_, A>, is_exact: bool) -> InFlight {
-        let mapped = match (request, &self.staging) {
-            (Request::InHostMemory { .. }, Some(staging)) => {
+    /// Requests that the answers be mapped if they go to host memory, and if kernels write it the list of undecided
+    /// rays, after the commands have been submitted.
+    pub fn map(self, to_host: bool, is_exact: bool) -> InFlight {
+        let mapped = match &self.staging {
+            Some(staging) if to_host => {
                 let (sender, mapped) = sync_channel(1);
                 // The receiver is gone if the dispatch has been given up.
                 let callback = move |result| drop(sender.send(result));

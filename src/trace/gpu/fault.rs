@@ -4,7 +4,8 @@ use crate::stream::Hit;
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// A fault to inject, once. Dispatches are numbered from 1, over all threads and scenes of a device.
+/// A fault to inject, once. Dispatches, which are submissions of bundles, are numbered from 1, over all scenes of a
+/// device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
@@ -16,6 +17,8 @@ pub enum Fault {
     Corrupt(u64),
     /// The device has no memory for the scene.
     OutOfMemory,
+    /// The device refuses the kernels.
+    Refused,
     /// Fused multiply-adds have another last bit in some cases.
     Inexact,
 }
@@ -24,7 +27,7 @@ pub enum Fault {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "there is no fault {0:?}; write gpu-lost@N, gpu-hang@N or gpu-corrupt@N, where N is the dispatch at which it \
-     happens, from 1; or gpu-oom or gpu-inexact"
+     happens, from 1; or gpu-oom, gpu-refused or gpu-inexact"
 )]
 pub struct NoSuchFault(String);
 
@@ -36,6 +39,7 @@ impl FromStr for Fault {
         let Some((name, at)) = text.split_once('@') else {
             return match text {
                 "gpu-oom" => Ok(Self::OutOfMemory),
+                "gpu-refused" => Ok(Self::Refused),
                 "gpu-inexact" => Ok(Self::Inexact),
                 _ => Err(error()),
             };
@@ -68,6 +72,7 @@ impl Display for Fault {
             Self::Hang(at) => write!(f, "gpu-hang@{at}"),
             Self::Corrupt(at) => write!(f, "gpu-corrupt@{at}"),
             Self::OutOfMemory => f.write_str("gpu-oom"),
+            Self::Refused => f.write_str("gpu-refused"),
             Self::Inexact => f.write_str("gpu-inexact"),
         }
     }
@@ -98,7 +103,14 @@ mod tests {
             let error = bad.parse::<Fault>().expect_err(bad).to_string();
             assert!(error.contains(&format!("{bad:?}")) && error.contains("gpu-corrupt@N"), "{error}");
         }
-        for fault in [Fault::Lost(7), Fault::Hang(1), Fault::Corrupt(2), Fault::OutOfMemory, Fault::Inexact] {
+        for fault in [
+            Fault::Lost(7),
+            Fault::Hang(1),
+            Fault::Corrupt(2),
+            Fault::OutOfMemory,
+            Fault::Refused,
+            Fault::Inexact,
+        ] {
             assert_eq!(fault.to_string().parse(), Ok(fault));
         }
     }

@@ -12,26 +12,28 @@
 //! included, and the CPU tracer traces the rays that stay *undecided*. So the result is that of
 //! [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the nearest number.
 //!
-//! # A dispatch's life
+//! # A bundle's life
 //!
 //! ```text
-//! dispatch thread                                            device
+//! device thread                                              device
 //!
-//! encode       bind rays, params, answers; record copies
-//!    |         and both kernels (dispatch.rs)
+//! encode       for each stream: bind rays, params, answers; record
+//!    |         copies and both kernels (bundle.rs, dispatch.rs)
 //! submit ---------------------------------------------------> copy rays, unless it reads them where they lie
 //!    |                                                        trace_closest, trace_any
 //! map          request access to the answers                  copy answers
 //!    |                                                          |
-//!  (wait)      poll, watched by the watchdog <------------------+
+//!  (wait)      poll, watched by the watchdog; meanwhile other   |
+//!    |         bundles are submitted          <-----------------+
+//! read back    candidates are in the streams' memory; buffers are free for the next bundle
 //!    |
-//! read back    candidates are in host memory; buffers are free for the next dispatch
+//! host threads, a stream each
 //!    |
 //! resolve      canonical test of each candidate; CPU tracer for undecided rays (resolve.rs)
 //!    |
 //! cross-check  the CPU traces a sample of the rays again (cross_check.rs)
 //!    v
-//! canonical hits; or DeviceError::Lost: the stream goes back to the scheduler untraced, and another device is
+//! canonical hits; or DeviceError::Lost: the streams go back to the scheduler untraced, and another device is
 //! opened in the background (device_replacement.rs)
 //! ```
 //!
@@ -40,12 +42,13 @@
 //! A panic during a dispatch meets three handlers, each with a reason of its own. From the inside out:
 //! 1. `Gpu::guard` catches panics of wgpu and the driver. It records the panic as the reason why the device is lost,
 //!    so that every thread sees it and none calls wgpu with this device again.
-//! 2. `RayStream::trace_on` catches panics of any [`crate::stream::DeviceTracer`], those of resolving and of other
-//!    crates' tracers too. It keeps the stream, so that no ray is lost.
+//! 2. `stream::catching` catches panics of any [`crate::stream::DeviceTracer`], those of resolving and of other crates'
+//!    tracers too. The scheduler keeps the streams, so that no ray is lost.
 //! 3. The scheduler's `Work::work` catches panics of a whole task, which is foreign code as well: renderers and host
 //!    tracers. It keeps the thread, and fails the job.
 
 mod adapter;
+mod bundle;
 mod calibration;
 mod cross_check;
 mod device;

@@ -1,10 +1,9 @@
 //! Resolves candidates: turns a device's answers into canonical ones, on the host.
 //!
-//! This runs on the dispatch thread, after the answers have been read back. A device that makes exact hits (`exact`)
+//! This runs on host threads, once the answers are in a stream's memory. A device that makes exact hits (`exact`)
 //! leaves only undecided rays, which are traced again. Otherwise most hit rays have a single candidate that
 //! no filter decides: those are tested in lanes, a ray and its candidate in each. The others take one test after the
-//! other. Reports count the time as the device's (`UnitReport::busy_s`). The vectors of undecided rays are allocated in
-//! each dispatch.
+//! other. The vectors of undecided rays are allocated in each dispatch.
 
 use super::layout::{Candidates, MORE, OCCLUDED};
 use super::undecided::Undecided;
@@ -29,6 +28,23 @@ pub(super) struct Resolver {
 }
 
 impl Resolver {
+    /// Makes canonical answers of a dispatch's, of both kinds.
+    pub fn resolve(
+        &self,
+        (rays, hits, undecided): (&[Ray], &mut [Hit], Option<Undecided>),
+        (shadow_rays, occluded, undecided_shadows): (&[Ray], &mut [u32], Option<Undecided>),
+    ) -> DeviceReport {
+        let mut report = match undecided {
+            Some(undecided) => self.trace_undecided(rays, hits, undecided),
+            None => self.closest(rays, hits),
+        };
+        report += match undecided_shadows {
+            Some(undecided) => self.trace_undecided_shadows(shadow_rays, occluded, undecided),
+            None => self.occluded(shadow_rays, occluded),
+        };
+        report
+    }
+
     /// Replaces every ray's [`Candidates`], which lie in its hit's memory, by its canonical hit.
     pub fn closest(&self, rays: &[Ray], hits: &mut [Hit]) -> DeviceReport {
         let Resolved { mut report, undecided } =

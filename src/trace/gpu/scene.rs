@@ -6,7 +6,7 @@ use super::flatten::{FlatScene, Nodes};
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
-use super::{Gpu, GpuError, TreeKind, Variant, device_tree};
+use super::{Fault, Gpu, GpuError, TreeKind, Variant, device_tree};
 use crate::bvh::Bvh;
 
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
@@ -106,6 +106,10 @@ impl Kernels {
     fn compile(gpu: &Gpu, shape: &Shape, layouts: Layouts<'_>, source: Source) -> Result<Self, GpuError> {
         let shared = gpu.info().shared_memory;
         let compile = |kernel: Kernel, shape: &Shape| {
+            if gpu.fault() == Some(Fault::Refused) {
+                let (adapter, reason) = (gpu.info().to_string(), "refused, as requested".to_owned());
+                return Err(GpuError::Kernel { adapter, reason });
+            }
             let compiled = gpu.attempt(|device, _| {
                 let source = source(kernel, shape);
                 KernelPipeline::new(device, kernel, source, layouts, shared)

@@ -4,9 +4,10 @@
 //! Unsafe code, because slices are made of memory that a device uses too. Invariants:
 //! 1. The memory has room for `len` values and lives as long as the buffer. It is initialised: any bytes that the
 //!    driver leaves are values of a `Pod` type.
-//! 2. No slice of it exists while it is with the device. The method that gives it to the device borrows the buffer
-//!    mutably, and the methods that make slices panic from then on. Rays may be read meanwhile, because the device
-//!    writes none.
+//! 2. No slice of it exists while a device that writes has it. The method that gives it to such a device borrows the
+//!    buffer mutably, and the methods that make slices panic from then on. Memory that devices only read may be read
+//!    meanwhile. If the host writes to it, which streams do not while they are with a device, a device reads anything,
+//!    and its answers are not used.
 //! 3. It is with the device from before the submission until the submission has been seen to be done; if the device is
 //!    lost, for ever.
 #![allow(unsafe_code, reason = "the invariants above")]
@@ -47,12 +48,21 @@ impl<T: Pod + Debug + Send + Sync> SharedBuffer<T> {
     }
 
     /// A stream's memory as a buffer of this device; `None` if it is not.
-    pub fn of_device<'a>(
-        memory: &'a mut dyn stream::DeviceMemory<T>,
-        gpu: &Arc<Gpu>,
-    ) -> Option<&'a mut Self> {
+    pub fn of<'a>(memory: &'a dyn stream::DeviceMemory<T>, gpu: &Arc<Gpu>) -> Option<&'a Self> {
+        let memory: &dyn Any = memory;
+        memory.downcast_ref::<Self>().filter(|buffer| Arc::ptr_eq(&buffer.gpu, gpu))
+    }
+
+    /// [`SharedBuffer::of`] for memory that the device is to write.
+    pub fn of_mut<'a>(memory: &'a mut dyn stream::DeviceMemory<T>, gpu: &Arc<Gpu>) -> Option<&'a mut Self> {
         let memory: &mut dyn Any = memory;
         memory.downcast_mut::<Self>().filter(|buffer| Arc::ptr_eq(&buffer.gpu, gpu))
+    }
+
+    /// The buffer of memory that the device reads.
+    pub fn buffer(&self) -> &wgpu::Buffer {
+        assert_eq!(self.access, DeviceAccess::Reads, "the device does not write here");
+        self.memory.buffer()
     }
 
     /// Gives the memory to the device.
@@ -128,7 +138,7 @@ mod tests {
         for (slot, value) in buffer.as_mut_slice().iter_mut().zip(0..) {
             *slot = value;
         }
-        buffer.give_to_device();
+        buffer.buffer();
         gpu.simulate_loss();
         // wgpu frees its resources once it has seen the loss.
         let polled = gpu.guard(|device, _| device.poll(wgpu::PollType::Poll).map_err(|e| e.to_string()));
@@ -147,8 +157,8 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "the device may be at work here")]
-    fn rays_are_not_written_while_the_device_reads_them() {
-        let mut buffer = SharedBuffer::<u32>::new(&gpu(), 10, DeviceAccess::Reads).expect("memory");
+    fn answers_are_not_written_while_the_device_writes_them() {
+        let mut buffer = SharedBuffer::<u32>::new(&gpu(), 10, DeviceAccess::Writes).expect("memory");
         buffer.give_to_device();
         buffer.as_mut_slice();
     }

@@ -8,7 +8,7 @@ use super::watchdog::Watchdog;
 use super::{AdapterChoice, Gpu, GpuError, GpuTracer, Variant};
 use crate::bvh::Bvh;
 use crate::geom::mix;
-use crate::stream::{Capacity, DeviceError, DeviceTracer, Hit, Queries, Ray, RayStream};
+use crate::stream::{BlockingTracer, Capacity, DeviceError, Hit, Queries, Ray, RayStream};
 use crate::trace::cpu::Oracle;
 use glam::Vec3;
 use std::sync::Arc;

@@ -1,23 +1,24 @@
 //! The GPU tracer: traces whole ray streams, replaces lost devices.
 
+use super::bundle::Bundle;
+use super::cross_check::{LEAST, Sampling};
 use super::dispatch::{Request, max_rays};
 use super::exact::{Refusal, Route};
 use super::kernel::Kernel;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
-use super::shared_buffer::SharedBuffer;
 use super::undecided::Undecided;
 use super::{AdapterKind, Fault, Gpu, GpuError, Variant, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
-    Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceTracer, Hit, InPlace, Queries, Ray, Sizing,
-    StreamMemory, Tracer,
+    BlockingTracer, Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceStream, DeviceTracer, Hit,
+    Queries, Ray, StreamMemory, Ticket, Tracer,
 };
 use std::fmt;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 /// More rays than this in one dispatch gain nothing on any device.
 const MAX_RAYS: usize = 1 << 20;
@@ -33,8 +34,6 @@ const MAX_RAYS_SOFTWARE: usize = 1 << 16;
 pub struct GpuTracer {
     name: String,
     shared: Arc<Shared>,
-    /// Opens a replacement of a lost device.
-    worker: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl fmt::Debug for GpuTracer {
@@ -43,20 +42,22 @@ impl fmt::Debug for GpuTracer {
     }
 }
 
-/// What the tracer and its worker share.
-struct Shared {
+/// What the tracer, its worker and its bundles share.
+pub(super) struct Shared {
     device: Mutex<Arc<SceneDevice>>,
+    /// Opens a replacement of a lost device.
+    worker: Mutex<Option<JoinHandle<()>>>,
     variant: Variant,
     source: Source,
-    resolver: Resolver,
+    pub resolver: Resolver,
     /// No replacement will come: none can be opened, or the tracer is being dropped.
     is_final: AtomicBool,
 }
 
 /// A device that has the scene.
-struct SceneDevice {
-    gpu: Arc<Gpu>,
-    scene: DeviceScene,
+pub(super) struct SceneDevice {
+    pub gpu: Arc<Gpu>,
+    pub scene: DeviceScene,
     max_rays: usize,
 }
 
@@ -67,6 +68,19 @@ impl SceneDevice {
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
     }
+
+    /// The parts of so many rays and shadow rays that fit one dispatch.
+    pub fn ranges(
+        &self,
+        rays: usize,
+        shadow_rays: usize,
+    ) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + use<> {
+        let most = self.max_rays;
+        let part = move |start: usize, len: usize| start.min(len)..(start + most).min(len);
+        (0..rays.max(shadow_rays))
+            .step_by(most)
+            .map(move |start| (part(start, rays), part(start, shadow_rays)))
+    }
 }
 
 impl Shared {
@@ -74,8 +88,26 @@ impl Shared {
         self.device.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    pub fn scene_max_abs(&self) -> f32 {
+        self.resolver.bvh.scene_max_abs()
+    }
+
+    /// Starts to replace a lost device, unless that is under way, has been done or cannot be done.
+    pub fn replace(this: &Arc<Self>, lost: &Arc<Gpu>) {
+        let mut worker = this.worker.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_under_way = worker.as_ref().is_some_and(|worker| !worker.is_finished());
+        let is_current = Arc::ptr_eq(&this.device().gpu, lost);
+        if is_under_way || this.is_final.load(Ordering::Relaxed) || !is_current {
+            return;
+        }
+        let (shared, lost) = (Arc::clone(this), lost.clone());
+        let work = move || shared.open_successor(&lost);
+        // Without a thread there is no replacement, and the CPU goes on.
+        *worker = std::thread::Builder::new().name("gpu replacement".into()).spawn(work).ok();
+    }
+
     /// Opens devices until one takes the scene or no more may be opened.
-    fn replace(&self, lost: &Arc<Gpu>) {
+    fn open_successor(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.is_final) {
             match SceneDevice::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
@@ -150,21 +182,23 @@ impl GpuTracer {
         let name = gpu.info().name.clone();
         let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, variant, source)?));
         let resolver = Resolver { bvh, filter, cpu };
-        let shared = Arc::new(Shared { device, variant, source, resolver, is_final: AtomicBool::new(false) });
-        Ok(Self { name, shared, worker: Mutex::default() })
+        let (worker, is_final) = (Mutex::default(), AtomicBool::new(false));
+        let shared = Arc::new(Shared { device, worker, variant, source, resolver, is_final });
+        Ok(Self { name, shared })
     }
 
     /// A tracer of the same scene on the same device, with another filter. `cpu` traces the scene with that filter.
     pub fn with_filter(&self, filter: Option<Arc<dyn Filter>>, cpu: Arc<dyn Tracer>) -> Self {
-        let Shared { device: _, variant, source, resolver, is_final: _ } = &*self.shared;
+        let Shared { variant, source, resolver, .. } = &*self.shared;
         let shared = Arc::new(Shared {
             device: Mutex::new(self.shared.device()),
+            worker: Mutex::default(),
             variant: *variant,
             source: *source,
             resolver: Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu },
             is_final: AtomicBool::new(false),
         });
-        Self { name: self.name.clone(), shared, worker: Mutex::default() }
+        Self { name: self.name.clone(), shared }
     }
 
     /// Bytes that the scene takes on the device.
@@ -201,23 +235,9 @@ impl GpuTracer {
             None => work(),
         };
         if answer.is_err() {
-            self.replace(&device.gpu);
+            Shared::replace(&self.shared, &device.gpu);
         }
         answer
-    }
-
-    /// Starts to replace a lost device, unless that is under way, has been done or cannot be done.
-    fn replace(&self, lost: &Arc<Gpu>) {
-        let mut worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_under_way = worker.as_ref().is_some_and(|worker| !worker.is_finished());
-        let is_current = Arc::ptr_eq(&self.shared.device().gpu, lost);
-        if is_under_way || self.shared.is_final.load(Ordering::Relaxed) || !is_current {
-            return;
-        }
-        let (shared, lost) = (self.shared.clone(), lost.clone());
-        let work = move || shared.replace(&lost);
-        // Without a thread there is no replacement, and the CPU goes on.
-        *worker = std::thread::Builder::new().name("gpu replacement".into()).spawn(work).ok();
     }
 }
 
@@ -225,7 +245,7 @@ impl Drop for GpuTracer {
     /// Waits for a device that is being opened: a process should not exit while a driver opens one.
     fn drop(&mut self) {
         self.shared.is_final.store(true, Ordering::Relaxed);
-        let worker = self.worker.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        let worker = self.shared.worker.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(worker) = worker {
             // Only the driver could panic there, and `Gpu::guard` catches that.
             let _ = worker.join();
@@ -233,16 +253,8 @@ impl Drop for GpuTracer {
     }
 }
 
-/// What a dispatch has answered besides hits, and how long it took.
-struct Answered {
-    /// Until its commands were submitted.
-    until_submitted: Duration,
-    /// From there until its answers had been read back.
-    until_read_back: Duration,
-    /// The rays, and the shadow rays, that the device left undecided, if it has made hits of its candidates.
-    closest: Option<Undecided>,
-    any: Option<Undecided>,
-}
+/// The rays, and the shadow rays, that a device left undecided, if it has made hits of its candidates.
+type Answered = (Option<Undecided>, Option<Undecided>);
 
 impl SceneDevice {
     /// Encodes, submits, maps and reads back the rays of both kinds, in one submission.
@@ -254,7 +266,6 @@ impl SceneDevice {
         fault: Option<Fault>,
     ) -> Result<Answered, String> {
         self.gpu.guard(|device, queue| {
-            let start = Instant::now();
             let DeviceScene { group, trace_closest, trace_any, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let both = (device, queue);
@@ -264,17 +275,15 @@ impl SceneDevice {
                 return Err(self.gpu.simulate_hang());
             }
             let submission = queue.submit([encoder.finish()]);
-            let until_submitted = start.elapsed();
             if let Some(Fault::Lost(_)) = fault {
                 device.destroy();
             }
-            let hits = hits.map(|encoded| encoded.map(closest, trace_closest.is_exact()));
-            let occluded = occluded.map(|encoded| encoded.map(any, trace_any.is_exact()));
+            let hits = hits.map(|encoded| encoded.map(true, trace_closest.is_exact()));
+            let occluded = occluded.map(|encoded| encoded.map(true, trace_any.is_exact()));
             self.gpu.watchdog.record(self.gpu.wait(&submission)?);
             let closest = hits.map_or(Ok(None), |in_flight| trace_closest.read_back(closest, in_flight))?;
             let any = occluded.map_or(Ok(None), |in_flight| trace_any.read_back(any, in_flight))?;
-            let until_read_back = start.elapsed() - until_submitted;
-            Ok(Answered { until_submitted, until_read_back, closest, any })
+            Ok((closest, any))
         })
     }
 
@@ -288,27 +297,19 @@ impl SceneDevice {
         let (number, fault) = self.gpu.next_dispatch();
         let DeviceScene { trace_closest, trace_any, .. } = &self.scene;
         let bytes_copied = trace_closest.bytes_copied(&closest) + trace_any.bytes_copied(&any);
-        let answered = self
-            .dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault)
-            .map_err(DeviceError::Lost)?;
+        let answered = self.dispatch(&mut closest, &mut any, resolver.bvh.scene_max_abs(), fault);
+        let (undecided, undecided_shadows) = answered.map_err(DeviceError::Lost)?;
         let ((rays, hits), (shadow_rays, occluded)) = (closest.slices(), any.slices());
-        let mut report = match answered.closest {
-            Some(undecided) => resolver.trace_undecided(rays, hits, undecided),
-            None => resolver.closest(rays, hits),
-        };
-        report += match answered.any {
-            Some(undecided) => resolver.trace_undecided_shadows(shadow_rays, occluded, undecided),
-            None => resolver.occluded(shadow_rays, occluded),
-        };
+        let mut report =
+            resolver.resolve((rays, hits, undecided), (shadow_rays, occluded, undecided_shadows));
         if let Some(Fault::Corrupt(_)) = fault {
             fault::corrupt(hits, occluded);
         }
         report.bytes_copied = bytes_copied;
-        report.sending_ns = answered.until_submitted.as_nanos() as u64;
-        report.waiting_ns = answered.until_read_back.as_nanos() as u64;
         let cpu = &*resolver.cpu;
-        let checked = cross_check::closest(cpu, rays, hits, number)
-            .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, number)?));
+        let sampling = Sampling { number, least: LEAST };
+        let checked = cross_check::closest(cpu, rays, hits, sampling)
+            .and_then(|n| Ok(n + cross_check::occluded(cpu, shadow_rays, occluded, sampling)?));
         report.checked = checked.map_err(|reason| DeviceError::Lost(self.gpu.mark_untrusted(reason)))?;
         Ok(report)
     }
@@ -319,42 +320,32 @@ impl DeviceTracer for GpuTracer {
         &self.name
     }
 
-    fn max_rays(&self) -> usize {
-        self.shared.device().max_rays
-    }
-
-    fn sizing(&self) -> Option<Sizing> {
-        self.shared.device().gpu.sizing()
+    fn bundle_rays(&self) -> Option<usize> {
+        self.shared.device().gpu.bundle_rays()
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
         shared_buffer::stream_memory(&self.shared.device().gpu, capacity, now)
     }
 
-    fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
         let device = self.shared.device();
-        let rays = SharedBuffer::of_device(stream.rays, &device.gpu)?;
-        let hits = SharedBuffer::of_device(stream.hits, &device.gpu)?;
-        let shadow_rays = SharedBuffer::of_device(stream.shadow_rays, &device.gpu)?;
-        let occluded = SharedBuffer::of_device(stream.occluded, &device.gpu)?;
-        Some(self.with(&device, || {
-            let (count, shadow_count) = (stream.ray_count, stream.shadow_ray_count);
-            let mut report = DeviceReport::default();
-            for start in (0..count.max(shadow_count)).step_by(device.max_rays) {
-                let piece = |count: usize| start.min(count)..(start + device.max_rays).min(count);
-                let closest = Request::InDeviceMemory { rays, answers: hits, range: piece(count) };
-                let any = Request::InDeviceMemory {
-                    rays: shadow_rays,
-                    answers: occluded,
-                    range: piece(shadow_count),
-                };
-                report += device.trace(&self.shared.resolver, closest, any)?;
-            }
-            Ok(report)
-        }))
+        let submitted =
+            self.with(&device, || Bundle::submit(&self.shared, &device, bundle).map_err(DeviceError::Lost))?;
+        Ok(Box::new(submitted))
+    }
+}
+
+impl BlockingTracer for GpuTracer {
+    fn name(&self) -> &str {
+        &self.name
     }
 
-    /// More than [`DeviceTracer::max_rays`] rays take several dispatches.
+    fn max_rays(&self) -> usize {
+        self.shared.device().max_rays
+    }
+
+    /// More than [`BlockingTracer::max_rays`] rays take several dispatches.
     ///
     /// # Panics
     /// If there are not as many answers as rays.

@@ -2,28 +2,20 @@
 
 use super::{AdapterInfo, Variant};
 use crate::files::{self, NotWritten};
-use crate::stream::Sizing;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Version of what is measured and of the file; files of other versions are not read.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
-/// The sizes of streams that a calibration may choose, in rays.
-pub(super) const STREAM_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
+/// The sizes of bundles that a calibration may choose, in rays.
+pub(super) const BUNDLE_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
 
-/// The numbers of streams in flight that a calibration may choose. More than [`FEW_IN_FLIGHT`] only if there are as
-/// many host threads.
-pub(super) const IN_FLIGHT: [usize; 5] = [1, 2, 4, 8, 16];
-
-/// So many streams may be in flight on any machine.
-pub(super) const FEW_IN_FLIGHT: usize = 4;
-
-/// The sizes and the layout with which a device is fastest. They do not change a picture.
+/// The size and the layout with which a device is fastest. They do not change a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TunedSizes {
-    /// Sizes of streams.
-    pub sizing: Sizing,
+    /// Rays of a bundle.
+    pub bundle_rays: usize,
     /// Layout of scenes.
     pub variant: Variant,
 }
@@ -34,30 +26,23 @@ struct CacheFile {
     version: u32,
     adapter: String,
     driver: String,
-    host_threads: usize,
-    threshold: usize,
-    least: usize,
-    in_flight: usize,
+    bundle_rays: usize,
     kernels: String,
 }
 
 impl CacheFile {
     fn of(info: &AdapterInfo, tuned: TunedSizes) -> Self {
-        let TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant } = tuned;
-        let host_threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let TunedSizes { bundle_rays, variant } = tuned;
         let (adapter, driver, kernels) = (info.to_string(), info.driver.clone(), variant.to_string());
-        Self { version: VERSION, adapter, driver, host_threads, threshold, least, in_flight, kernels }
+        Self { version: VERSION, adapter, driver, bundle_rays, kernels }
     }
 
     /// The sizes, if they were measured for this adapter and are in range.
     fn tuned(&self, info: &AdapterInfo) -> Option<TunedSizes> {
-        let &Self { threshold, least, in_flight, .. } = self;
+        let &Self { bundle_rays, .. } = self;
         let variant = info.variants().find(|variant| variant.to_string() == self.kernels)?;
-        let tuned = TunedSizes { sizing: Sizing { threshold, least, in_flight }, variant };
-        let is_in_range = STREAM_RAYS.contains(&threshold)
-            && (1..=threshold).contains(&least)
-            && IN_FLIGHT.contains(&in_flight);
-        (is_in_range && *self == Self::of(info, tuned)).then_some(tuned)
+        let tuned = TunedSizes { bundle_rays, variant };
+        (BUNDLE_RAYS.contains(&bundle_rays) && *self == Self::of(info, tuned)).then_some(tuned)
     }
 }
 
@@ -91,8 +76,7 @@ mod tests {
         let info = adapters().swap_remove(0);
         assert_eq!(load(&cache, &info), None);
         for variant in info.variants() {
-            let sizing = Sizing { threshold: 77 * 1024, least: 2048, in_flight: 4 };
-            let tuned = TunedSizes { sizing, variant };
+            let tuned = TunedSizes { bundle_rays: 77 * 1024, variant };
             store(&cache, &info, tuned).expect("the folder can be made");
             assert_eq!(load(&cache, &info), Some(tuned));
             assert_eq!(
@@ -112,7 +96,6 @@ mod tests {
             text[..text.len() / 2].into(),
             text.replace("78848", "99999999"),
             text.replace("78848", "0"),
-            text.replace("\"in_flight\": 4", "\"in_flight\": 40"),
             text.replace(&format!("\"version\": {VERSION}"), "\"version\": 1"),
             text.replace(&info.driver, "another"),
             text.replace("pairs\"", "triplets\""),

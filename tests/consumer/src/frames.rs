@@ -80,7 +80,7 @@ pub fn each_integrator(size: (u32, u32), spp: u32, timings: &mut Timings) -> Res
     let units = Units::open(&UnitChoice::auto())?;
     assert_eq!(units.adapter(), None);
     let prepared = timings.time("prepare", || PreparedScene::new(scene.clone(), &units))?;
-    let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
+    let service = Service::new(ServiceOptions::default().with_device_thread(false))?;
     let settings = Settings::new(size.0, size.1).with_spp(spp).with_max_bounces(4);
     let path = || PathTracer::new(scene.clone(), &camera, settings, Some(ROULETTE_BOUNCES));
     render("path", &service, &prepared, path()?, timings)?;
@@ -104,7 +104,7 @@ pub fn cornell(size: (u32, u32), spp: u32, timings: &mut Timings) -> Result<(), 
     let scene = Arc::new(Recipe::parse(include_str!("../../../scenes/cornell.json"))?.build()?);
     let camera: Camera = scene.camera.ok_or("the recipe has a camera")?;
     let prepared = PreparedScene::new(scene.clone(), &Units::cpu())?;
-    let service = Service::new(ServiceOptions::default().with_dispatch_threads(0))?;
+    let service = Service::new(ServiceOptions::default().with_device_thread(false))?;
     let settings = Settings::new(size.0, size.1).with_spp(spp).with_max_bounces(4);
     render(
         "frame",

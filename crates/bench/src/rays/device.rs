@@ -1,32 +1,58 @@
-//! A GPU as a contender, whole streams at a time: from rays where streams have them to canonical hits there.
+//! A GPU as a contender: from rays where streams have them to canonical hits there.
 
 use super::Kind;
 use super::contender::{Clock, Contender};
 use rayon::prelude::*;
-use raystream::stream::{Capacity, DeviceError, DeviceTracer, Empty, Full, Ray, RayStream, Traced};
+use raystream::stream::{
+    Capacity, DeviceError, DeviceTracer, Empty, Full, OnDevice, Ray, RayStream, Ticket, Traced,
+};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Rays without payloads.
 type Stream<State> = RayStream<State, (), ()>;
 
+/// Rays of a stream if the device has not been measured. Each stream is a bundle of its own.
+const STREAM_RAYS: usize = 1 << 16;
+
 pub fn contender<'a>(device: &'a dyn DeviceTracer, kind: Kind, clock: Clock<'a>) -> Contender<'a> {
     let mut streams: Vec<Stream<Empty>> = Vec::new();
     let round = move |rays: &Arc<[Ray]>| {
-        let most = device.max_rays().min(rays.len()).max(1);
+        let most = device.bundle_rays().unwrap_or(STREAM_RAYS).min(rays.len()).max(1);
         streams.resize_with(rays.len().div_ceil(most), RayStream::new);
         let full = streams.drain(..).zip(rays.chunks(most));
         let full: Vec<_> = full.map(|(stream, rays)| fill(stream, rays, most, device, kind)).collect();
         let mut traced = Ok(Vec::new());
-        let seconds = clock.seconds(|| {
-            traced = full.into_par_iter().map(|stream| stream.trace_on(device)).collect::<Result<_, _>>();
-        });
-        let traced: Vec<(Stream<Traced>, _)> =
-            traced.map_err(|untraced| DeviceError::Lost(untraced.reason))?;
-        streams.extend(traced.into_iter().map(|(stream, _)| stream.discard()));
+        let seconds = clock.seconds(|| traced = trace(full, device));
+        streams.extend(traced?.into_iter().map(RayStream::discard));
         Ok(seconds)
     };
     let (name, threads) = (format!("gpu: {}", device.name()), clock.threads());
     Contender { name, threads, simd: None, is_robust: true, is_slow: false, round: Box::new(round) }
+}
+
+/// Submits all streams, then resolves each when it has been traced.
+fn trace(full: Vec<Stream<Full>>, device: &dyn DeviceTracer) -> Result<Vec<Stream<Traced>>, DeviceError> {
+    let submit = |stream: Stream<Full>| {
+        let (stream, share) = stream.give();
+        Ok((stream, device.submit(vec![share])?))
+    };
+    let submitted: Vec<(Stream<OnDevice>, Box<dyn Ticket>)> =
+        full.into_iter().map(submit).collect::<Result<_, _>>()?;
+    let mut answered = Vec::new();
+    for (stream, mut ticket) in submitted {
+        let mut resolve = loop {
+            if let Some(resolve) = ticket.wait(Duration::MAX)? {
+                break resolve;
+            }
+        };
+        drop(ticket);
+        answered.push(stream.answered(resolve.pop().expect("an answer for each stream")));
+    }
+    let resolve = answered.into_par_iter().map(RayStream::resolve);
+    resolve
+        .map(|done| done.map(|(stream, _)| stream).map_err(|lost| DeviceError::Lost(lost.reason)))
+        .collect()
 }
 
 /// Puts rays into a stream of at most `most`, in the device's memory.

@@ -122,7 +122,7 @@ pub fn run(
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
     let service = |&host_threads| {
-        Service::new(ServiceOptions::default().with_host_threads(host_threads).with_dispatch_threads(0))
+        Service::new(ServiceOptions::default().with_host_threads(host_threads).with_device_thread(false))
     };
     let services: Vec<Service> = options.threads.iter().map(service).collect::<Result<_, _>>()?;
     for &kind in &options.kinds {

@@ -24,7 +24,7 @@ pub enum PolicyChoice {
     ShadeFirst,
     /// MoonRay's rule: streams stay on the CPU when they are small or enough threads wait for the GPU.
     Moonray,
-    /// By measured rays per second, so that both units finish together.
+    /// By measured costs: the GPU gets streams while they cost the CPU less than its own, and answers in time.
     Measured,
     /// The CPU alone.
     CpuOnly,
@@ -52,8 +52,8 @@ pub struct UnitArgs {
     /// Instruction set of the CPU tracer: auto, avx512, avx2, neon or scalar.
     #[arg(long, value_name = "LEVEL", default_value = "auto")]
     pub simd: String,
-    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom or
-    /// gpu-inexact. The result is the same; the exit code is 1 with --strict.
+    /// Inject a GPU failure at the Nth dispatch: gpu-lost@N, gpu-hang@N, gpu-corrupt@N (wrong hits); or gpu-oom,
+    /// gpu-refused or gpu-inexact. The result is the same; the exit code is 1 with --strict.
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "FAULT")]
     pub inject: Option<Fault>,

@@ -1,7 +1,6 @@
 //! The GPU adapters of this machine.
 
 use raystream::engine::calibration_host;
-use raystream::stream::Sizing;
 use raystream::trace::cpu::SimdLevel;
 use raystream::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 
@@ -32,12 +31,12 @@ pub fn print() {
                 boxes => format!("up to {boxes} boxes"),
             }
         );
-        stdout_line!("  streams:        {}", sizing(&adapter));
+        stdout_line!("  bundles:        {}", bundles(&adapter));
     }
 }
 
-/// The stream sizes and kernels calibrated for an adapter; measures them unless a calibration is cached.
-fn sizing(adapter: &AdapterInfo) -> String {
+/// The size of bundles and the kernels calibrated for an adapter; measures them unless a calibration is cached.
+fn bundles(adapter: &AdapterInfo) -> String {
     let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
     let host = |bvh| calibration_host(bvh, SimdLevel::detect());
     let gpu = match (Gpu::open(&choice), crate::cache::folder()) {
@@ -45,11 +44,8 @@ fn sizing(adapter: &AdapterInfo) -> String {
         (Ok(gpu), None) => gpu,
         (Err(error), _) => return format!("not calibrated: {error}"),
     };
-    match gpu.sizing() {
-        None => "not calibrated; using the paper's sizes".into(),
-        Some(Sizing { threshold, least, in_flight }) => format!(
-            "full at {threshold} rays, {in_flight} in flight; fewer than {least} rays stay on the CPU; kernels: {}",
-            gpu.variant()
-        ),
+    match gpu.bundle_rays() {
+        None => "not calibrated".into(),
+        Some(rays) => format!("{rays} rays a bundle; kernels: {}", gpu.variant()),
     }
 }

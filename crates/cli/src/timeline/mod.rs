@@ -83,16 +83,16 @@ fn name(kind: TaskKind) -> &'static str {
         TaskKind::Shade => "shade",
         TaskKind::Trace => "trace",
         TaskKind::Dispatch => "dispatch",
+        TaskKind::Resolve => "resolve",
         _ => "other",
     }
 }
 
 /// Thread names: kind and number within the kind.
 pub fn thread_names(threads: &[ThreadReport]) -> Vec<String> {
-    let hosts = threads.iter().filter(|t| t.kind == ThreadKind::Host).count();
     let name = |(index, thread): (usize, &ThreadReport)| match thread.kind {
         ThreadKind::Host => format!("host {index}"),
-        ThreadKind::Dispatch => format!("dispatch {}", index - hosts),
+        ThreadKind::Device => "device".to_owned(),
         _ => "caller".to_owned(),
     };
     threads.iter().enumerate().map(name).collect()

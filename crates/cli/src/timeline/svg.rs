@@ -11,7 +11,8 @@ fn colour(kind: TaskKind) -> &'static str {
         TaskKind::Shade => "#3f9b57",
         TaskKind::Trace => "#e3b23c",
         TaskKind::Dispatch => "#c8782d",
-        _ => "#8fbf6a",
+        TaskKind::Resolve => "#8fbf6a",
+        _ => "#999999",
     }
 }
 
@@ -64,7 +65,7 @@ pub fn text(timeline: &Timeline) -> String {
         draw(&mut out, curve, lanes + 4.0 + (CURVE + 8.0) * row as f64, end_ns);
     }
     let y = height - 14.0;
-    let kinds = [TaskKind::Spawn, TaskKind::Trace, TaskKind::Dispatch, TaskKind::Shade];
+    let kinds = [TaskKind::Spawn, TaskKind::Trace, TaskKind::Dispatch, TaskKind::Resolve, TaskKind::Shade];
     for (i, kind) in kinds.into_iter().enumerate() {
         let x = MARGIN + 110.0 * i as f64;
         let _ = writeln!(

@@ -1,7 +1,7 @@
 //! A chunk: the part of a ray stream that one host thread traces at once (RA section 3, the job slot).
 
 use super::device_memory::Memory;
-use super::{Hit, InPlace, Ray, RayArray, Tracer};
+use super::{Hit, Ray, RayArray, Tracer};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -26,17 +26,12 @@ impl StreamData {
         self.answers.get_mut().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Everything, if all of it is stored in device memory.
-    pub(super) fn in_place(&mut self) -> Option<InPlace<'_>> {
-        let StreamAnswers { hits, occluded } = self.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-        Some(InPlace {
-            ray_count: self.rays.len(),
-            rays: self.rays.memory.device_mut()?,
-            hits: hits.device_mut()?,
-            shadow_ray_count: self.shadow_rays.len(),
-            shadow_rays: self.shadow_rays.memory.device_mut()?,
-            occluded: occluded.device_mut()?,
-        })
+    /// The rays in host memory, with room for as many as before.
+    pub(super) fn copy_of(rays: &RayArray, shadow_rays: &RayArray) -> Self {
+        let (rays, shadow_rays) = (rays.to_host(), shadow_rays.to_host());
+        let mut copy = Self { rays, shadow_rays, answers: Mutex::default() };
+        copy.move_answers_to_host();
+        copy
     }
 
     /// Replaces the answers by host memory of the same size. A lost device may still write to the old memory.

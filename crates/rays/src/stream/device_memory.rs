@@ -10,10 +10,10 @@ use std::ops::{Deref, DerefMut};
 /// Memory that a device allocates for one array of a stream: its rays, or its answers.
 ///
 /// The stream's state says who owns it. While the stream is [`super::Filling`], [`super::Full`],
-/// [`super::Tracing`] or [`super::Traced`], the host owns the memory and may read and write it. During
-/// [`super::DeviceTracer::trace_in_place`] the device owns it, and the slices below are refused. Normally the
-/// call gives it back. If the device is lost during the call, the memory may stay the device's for good: then
-/// the host may read rays, which the device only reads, but neither read answers nor write anything.
+/// [`super::Tracing`] or [`super::Traced`], the host owns the memory and may read and write it. While the stream is
+/// [`super::OnDevice`] the device owns it, and the slices below are refused, except that rays may be read, which the
+/// device only reads. If the device is lost meanwhile, the memory may stay the device's for good: then the host may
+/// read rays, but neither read answers nor write anything.
 pub trait DeviceMemory<T>: Any + Debug + Send + Sync {
     /// All elements.
     ///
@@ -117,6 +117,13 @@ impl RayArray {
 
     pub(super) fn of(memory: Memory<Ray>) -> Self {
         Self { memory, len: 0 }
+    }
+
+    /// A copy in host memory, with the same room.
+    pub(super) fn to_host(&self) -> Self {
+        let mut copy = Self::with_capacity(self.memory.len());
+        copy.appender().extend_from_slice(self);
+        copy
     }
 
     /// Number of rays.

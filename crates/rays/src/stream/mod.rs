@@ -4,16 +4,19 @@
 //! ```text
 //! Empty ─ fill → Filling ─ seal → Full ─ open → Tracing ─ close → Traced ─ recycle → Empty
 //!                append rays        │  chunks → Tracer               ▲  shading takes rays and hits
-//!                                   └────── trace_on DeviceTracer ───┘
+//!                                   └─ give → OnDevice → Answered ───┘
+//!                                       DeviceTracer     resolve
 //! ```
 //!
 //! A stream's rays and answers are stored in host memory or in [`DeviceMemory`], which host and device share.
 //!
 //! Words are defined in `docs/glossary.md`.
 
+mod blocking;
 mod capacity;
 mod chunk;
 mod device_memory;
+mod device_stream;
 mod panic;
 mod ray;
 mod ray_stream;
@@ -21,13 +24,15 @@ mod ray_stream;
 mod tests;
 mod tracer;
 
+pub use blocking::{Blocking, BlockingTracer};
 pub use capacity::{Capacity, paths};
 pub use chunk::{Chunk, ChunkScratch, TracedChunk};
 pub use device_memory::{DeviceMemory, RayAppender, RayArray, StreamMemory};
+pub use device_stream::{DeviceAnswers, DeviceStream};
 pub use panic::{drop_quietly, panic_message};
 pub use ray::{Hit, MISS, Ray};
 pub use ray_stream::{
-    Dispatched, Empty, Filling, Full, RayStream, StreamAppender, Traced, TracedRays, TracedShadows, Tracing,
-    Untraced,
+    Answered, Dispatched, Empty, Filling, Full, OnDevice, RayStream, StreamAppender, Traced, TracedRays,
+    TracedShadows, Tracing, Untraced, catching,
 };
-pub use tracer::{DeviceError, DeviceReport, DeviceTracer, InPlace, Queries, Sizing, Tracer};
+pub use tracer::{DeviceError, DeviceReport, DeviceTracer, Queries, Resolve, Ticket, Tracer};

@@ -4,17 +4,18 @@
 //!
 //! ```text
 //! Empty ─fill→ Filling ─seal→ Full ─open→ Tracing (chunks out) ─close→ Traced ─recycle→ Empty
-//!                                └──── trace_on a device ──────────────┘
+//!                                └─give→ OnDevice ─answered→ Answered ─resolve─┘
 //! ```
 
 use super::chunk::{StreamAnswers, StreamData};
 use super::device_memory::Memory;
 use super::{
-    Capacity, Chunk, DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, RayAppender, RayArray,
+    Capacity, Chunk, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, RayAppender, RayArray, Resolve,
     StreamMemory, TracedChunk, panic_message,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, PoisonError};
+use std::time::Duration;
 
 /// State of a stream without rays.
 #[derive(Debug)]
@@ -37,6 +38,21 @@ pub struct Tracing {
     chunks_out: usize,
 }
 
+/// State of a stream that a device traces.
+#[derive(Debug)]
+pub struct OnDevice;
+
+/// State of a stream for which a device has written what its answers are made of.
+pub struct Answered {
+    resolve: Box<dyn Resolve>,
+}
+
+impl std::fmt::Debug for Answered {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Answered").finish_non_exhaustive()
+    }
+}
+
 /// State of a stream with an answer for each ray and shadow ray, which is being shaded.
 #[derive(Debug)]
 pub struct Traced {
@@ -47,11 +63,11 @@ pub struct Traced {
 }
 
 /// Rays with a payload and a hit each, and the shadow rays of the same paths, with a payload and an answer
-/// each. `State` is [`Empty`], [`Filling`], [`Full`], [`Tracing`] or [`Traced`]; `P` is the payload of rays,
-/// `S` that of shadow rays.
+/// each. `State` is [`Empty`], [`Filling`], [`Full`], [`Tracing`], [`OnDevice`], [`Answered`] or [`Traced`];
+/// `P` is the payload of rays, `S` that of shadow rays.
 #[derive(Debug)]
 pub struct RayStream<State, P, S> {
-    /// Data that tracers use. Shared with chunks in the state [`Tracing`] only.
+    /// Data that tracers use. Shared with chunks in the state [`Tracing`], and with a device in the state [`OnDevice`].
     data: Arc<StreamData>,
     payloads: Vec<P>,
     shadow_payloads: Vec<S>,
@@ -239,50 +255,87 @@ impl<P, S> RayStream<Full, P, S> {
         self.into_state(Tracing { next: 0, chunks_out: 0 })
     }
 
-    /// Traces the stream on a device: in place if it is stored in the device's memory, else in pieces of at
-    /// most [`DeviceTracer::max_rays`]. Blocks until the answers are there.
+    /// Shares the stream with a device.
+    pub fn give(self) -> (RayStream<OnDevice, P, S>, DeviceStream) {
+        let share = DeviceStream::new(&self.data);
+        (self.into_state(OnDevice), share)
+    }
+
+    /// Traces the stream on a device and waits for the answers.
     ///
     /// # Errors
     /// [`Untraced`] if the device is lost or its tracer panics.
-    pub fn trace_on(mut self, device: &dyn DeviceTracer) -> Result<Dispatched<P, S>, Untraced<P, S>> {
-        let data = self.data();
-        let traced = catch_unwind(AssertUnwindSafe(|| {
-            let in_place = data.in_place().and_then(|stream| device.trace_in_place(stream));
-            in_place.unwrap_or_else(|| trace_in_pieces(data, device))
-        }));
-        let reason = match traced {
-            Ok(Ok(report)) => {
-                return Ok((self.into_state(Traced { shaded: 0, shadows_taken: false }), report));
+    pub fn trace_on(self, device: &dyn DeviceTracer) -> Result<Dispatched<P, S>, Untraced<P, S>> {
+        let (stream, share) = self.give();
+        let answers = catching(move || {
+            let mut ticket = device.submit(vec![share]).map_err(|error| error.to_string())?;
+            loop {
+                if let Some(answers) = ticket.wait(Duration::MAX).map_err(|error| error.to_string())? {
+                    return Ok(answers);
+                }
             }
-            Ok(Err(error)) => error.to_string(),
-            Err(payload) => format!("it panicked: {}", panic_message(payload)),
-        };
-        // A lost device may still write answers, so they move. It only reads rays, so they stay.
-        if self.data().answers().hits.device().is_some() {
-            self.data().move_answers_to_host();
+        });
+        match answers.map(|mut answers| answers.pop()) {
+            Ok(Some(resolve)) => stream.answered(resolve).resolve(),
+            Ok(None) => Err(Untraced { stream: stream.take_back(), reason: NO_ANSWER.to_owned() }),
+            Err(reason) => Err(Untraced { stream: stream.take_back(), reason }),
         }
-        Err(Untraced { stream: self, reason })
     }
 }
 
-fn trace_in_pieces(data: &mut StreamData, device: &dyn DeviceTracer) -> Result<DeviceReport, DeviceError> {
-    let most = device.max_rays();
-    if most == 0 {
-        return Err(DeviceError::Lost("it takes no rays".to_owned()));
+const NO_ANSWER: &str = "it did not answer for each stream";
+
+/// Runs a device's code; a panic is an error.
+pub fn catching<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work))
+        .unwrap_or_else(|payload| Err(format!("it panicked: {}", panic_message(payload))))
+}
+
+impl<P, S> RayStream<OnDevice, P, S> {
+    /// Ends the device's work. The stream has what its answers are made of.
+    pub fn answered(self, resolve: Box<dyn Resolve>) -> RayStream<Answered, P, S> {
+        self.into_state(Answered { resolve })
     }
-    let (rays, shadow_rays) = (data.rays.len(), data.shadow_rays.len());
-    let StreamAnswers { hits, occluded } = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
-    let mut report = DeviceReport::default();
-    for start in (0..rays.max(shadow_rays)).step_by(most) {
-        let piece = |len: usize| start.min(len)..start.saturating_add(most).min(len);
-        report += device.trace(Queries {
-            rays: &data.rays[piece(rays)],
-            hits: &mut hits[piece(rays)],
-            shadow_rays: &data.shadow_rays[piece(shadow_rays)],
-            occluded: &mut occluded[piece(shadow_rays)],
-        })?;
+
+    /// Takes the stream back, whatever the device has written. If the device does not drop its share, the rays are
+    /// copied.
+    pub fn take_back(self) -> RayStream<Full, P, S> {
+        self.into_state(Full).own()
     }
-    Ok(report)
+}
+
+impl<P, S> RayStream<Full, P, S> {
+    /// The stream without memory to which a device may still write. Devices only read rays, so those stay.
+    fn own(mut self) -> Self {
+        let StreamData { rays, shadow_rays, .. } = &*self.data;
+        if Arc::strong_count(&self.data) > 1 {
+            self.data = Arc::new(StreamData::copy_of(rays, shadow_rays));
+        } else if self.data().answers().hits.device().is_some() {
+            self.data().move_answers_to_host();
+        }
+        self
+    }
+}
+
+impl<P, S> RayStream<Answered, P, S> {
+    /// Makes canonical answers of what the device has written.
+    ///
+    /// # Errors
+    /// [`Untraced`] if the device has answered wrongly or its tracer panics.
+    pub fn resolve(self) -> Result<Dispatched<P, S>, Untraced<P, S>> {
+        let Self { data, payloads, shadow_payloads, state: Answered { resolve } } = self;
+        let share = DeviceStream::new(&data);
+        let resolved = catching(move || resolve.resolve(&share).map_err(|error| error.to_string()));
+        let stream = RayStream { data, payloads, shadow_payloads, state: Full };
+        let is_own = Arc::strong_count(&stream.data) == 1;
+        match resolved {
+            Ok(report) if is_own => {
+                Ok((stream.into_state(Traced { shaded: 0, shadows_taken: false }), report))
+            }
+            Ok(_) => Err(Untraced { stream: stream.own(), reason: "it keeps a stream".to_owned() }),
+            Err(reason) => Err(Untraced { stream: stream.own(), reason }),
+        }
+    }
 }
 
 impl<P, S> RayStream<Tracing, P, S> {

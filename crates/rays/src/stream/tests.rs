@@ -2,6 +2,7 @@ use super::*;
 use std::fmt::Debug;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
+use std::time::Duration;
 
 /// A tracer that answers by the ray's origin and counts calls.
 #[derive(Default)]
@@ -32,12 +33,12 @@ struct Frail {
 }
 
 impl Frail {
-    fn new(calls: usize, panics: bool) -> Self {
-        Self { calls_left: AtomicUsize::new(calls), panics }
+    fn device(calls: usize, panics: bool) -> Blocking<Self> {
+        Blocking::new(Self { calls_left: AtomicUsize::new(calls), panics })
     }
 }
 
-impl DeviceTracer for Frail {
+impl BlockingTracer for Frail {
     fn name(&self) -> &str {
         "frail"
     }
@@ -143,7 +144,7 @@ fn any_split_into_chunks_gives_the_same_answers() {
 #[test]
 fn a_device_traces_in_pieces_of_its_size() {
     for (rays, shadow_rays) in [(10, 7), (0, 7), (4, 0), (3, 5)] {
-        let device = Frail::new(usize::MAX, false);
+        let device = Frail::device(usize::MAX, false);
         let (stream, report) = filled(rays, shadow_rays).seal().trace_on(&device).unwrap();
         assert_eq!(report.bytes_copied, rays as u64);
         check(stream, rays, shadow_rays);
@@ -157,7 +158,7 @@ fn answers_of_a_lost_device_are_traced_again() {
         (2, false, "the GPU was lost: gone"),
         (1, true, "it panicked: boom"),
     ] {
-        let untraced = filled(10, 7).seal().trace_on(&Frail::new(calls, panics)).unwrap_err();
+        let untraced = filled(10, 7).seal().trace_on(&Frail::device(calls, panics)).unwrap_err();
         assert_eq!(untraced.reason, reason);
         let mut stream = untraced.stream.open();
         let chunk = stream.next_chunk(100);
@@ -221,10 +222,6 @@ impl DeviceTracer for SharingDevice {
         "sharing"
     }
 
-    fn max_rays(&self) -> usize {
-        100
-    }
-
     fn stream_memory(
         &self,
         capacity: Capacity,
@@ -242,26 +239,81 @@ impl DeviceTracer for SharingDevice {
         })
     }
 
-    fn trace_in_place(&self, stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
-        let (rays, hits) = (downcast(stream.rays), downcast(stream.hits));
-        let (shadow_rays, occluded) = (downcast(stream.shadow_rays), downcast(stream.occluded));
-        if self.dies {
-            rays.is_device_owned = true;
-            hits.is_device_owned = true;
-            shadow_rays.is_device_owned = true;
-            occluded.is_device_owned = true;
-            self.lost.store(true, Relaxed);
-            return Some(Err(DeviceError::Lost("gone".to_owned())));
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        let mut reports = Vec::new();
+        for stream in &bundle {
+            let [rays, shadow_rays] = stream.ray_memory().expect("memory of this device");
+            let mut answers = stream.answers();
+            let (hits, occluded) = answers.memory().expect("memory of this device");
+            let (hits, occluded) = (downcast(hits), downcast(occluded));
+            if self.dies {
+                (hits.is_device_owned, occluded.is_device_owned) = (true, true);
+                self.lost.store(true, Relaxed);
+                return Err(DeviceError::Lost("gone".to_owned()));
+            }
+            let (n, m) = (stream.rays().len(), stream.shadow_rays().len());
+            ByOrigin::default().closest(&rays.as_slice()[..n], &mut hits.elements[..n]);
+            ByOrigin::default().occluded(&shadow_rays.as_slice()[..m], &mut occluded.elements[..m]);
+            reports.push(DeviceReport::default());
         }
-        let (n, m) = (stream.ray_count, stream.shadow_ray_count);
-        ByOrigin::default().closest(&rays.elements[..n], &mut hits.elements[..n]);
-        ByOrigin::default().occluded(&shadow_rays.elements[..m], &mut occluded.elements[..m]);
-        Some(Ok(DeviceReport::default()))
+        Ok(Box::new(Later { reports, waits: 1 }))
     }
+}
 
-    fn trace(&self, _: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        unreachable!("a stream in device memory is traced in place")
+/// Is done at the second look.
+struct Later {
+    reports: Vec<DeviceReport>,
+    waits: usize,
+}
+
+impl Ticket for Later {
+    fn wait(&mut self, _: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError> {
+        if self.waits > 0 {
+            self.waits -= 1;
+            return Ok(None);
+        }
+        Ok(Some(self.reports.drain(..).map(|report| Box::new(Sound(report)) as Box<dyn Resolve>).collect()))
     }
+}
+
+struct Sound(DeviceReport);
+
+impl Resolve for Sound {
+    fn resolve(self: Box<Self>, _: &DeviceStream) -> Result<DeviceReport, DeviceError> {
+        Ok(self.0)
+    }
+}
+
+/// Answers in bad faith.
+struct Wrong;
+
+impl Resolve for Wrong {
+    fn resolve(self: Box<Self>, stream: &DeviceStream) -> Result<DeviceReport, DeviceError> {
+        stream.answers().slices().0.fill(Hit::default());
+        Err(DeviceError::Failed("7 of 9 differ".to_owned()))
+    }
+}
+
+#[test]
+fn a_stream_comes_back_whole_whatever_a_device_does_with_its_share() {
+    let again = |stream: RayStream<Full, u32, u64>| {
+        let mut stream = stream.open();
+        let chunk = stream.next_chunk(100);
+        stream.put_back(chunk.trace(&ByOrigin::default(), &mut ChunkScratch::default()));
+        check(stream.close(), 10, 7);
+    };
+    let (stream, share) = filled(10, 7).seal().give();
+    drop(share);
+    again(stream.answered(Box::new(Wrong)).resolve().unwrap_err().stream);
+    // A share that the device keeps.
+    let (stream, share) = filled(10, 7).seal().give();
+    again(stream.take_back());
+    assert_eq!(share.rays().len(), 10);
+    let (stream, kept) = filled(10, 7).seal().give();
+    let untraced = stream.answered(Box::new(Sound(DeviceReport::default()))).resolve().unwrap_err();
+    assert_eq!(untraced.reason, "it keeps a stream");
+    again(untraced.stream);
+    drop(kept);
 }
 
 #[test]
@@ -335,7 +387,7 @@ fn a_ray_has_a_payload() {
 }
 
 fn traced(rays: usize, shadow_rays: usize) -> RayStream<Traced, u32, u64> {
-    filled(rays, shadow_rays).seal().trace_on(&Frail::new(usize::MAX, false)).unwrap().0
+    filled(rays, shadow_rays).seal().trace_on(&Frail::device(usize::MAX, false)).unwrap().0
 }
 
 #[test]

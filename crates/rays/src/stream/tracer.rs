@@ -1,6 +1,7 @@
 //! The traits of tracers: those of the host cannot fail, a device can be lost.
 
-use super::{Capacity, DeviceMemory, Hit, Ray, StreamMemory};
+use super::{Capacity, DeviceMemory, DeviceStream, Hit, Ray, StreamMemory};
+use std::time::Duration;
 
 /// Traces rays on the calling host thread. The answer to a ray is the canonical one
 /// ([`crate::geom::CanonicalRay`]); it depends on the ray and the scene only.
@@ -19,7 +20,7 @@ pub trait Tracer: Send + Sync {
     fn occluded(&self, rays: &[Ray], occluded: &mut [u32]);
 }
 
-/// The queries of one dispatch to a device: rays and shadow rays of a stream.
+/// Queries for a device: rays and shadow rays.
 #[derive(Debug)]
 pub struct Queries<'a> {
     /// Rays for closest-hit queries.
@@ -32,25 +33,7 @@ pub struct Queries<'a> {
     pub occluded: &'a mut [u32],
 }
 
-/// The queries of a stream that is stored in device memory. Its arrays may be longer than the numbers of
-/// rays.
-#[derive(Debug)]
-pub struct InPlace<'a> {
-    /// Rays for closest-hit queries.
-    pub rays: &'a mut dyn DeviceMemory<Ray>,
-    /// Number of rays.
-    pub ray_count: usize,
-    /// Receives their hits.
-    pub hits: &'a mut dyn DeviceMemory<Hit>,
-    /// Rays for any-hit queries.
-    pub shadow_rays: &'a mut dyn DeviceMemory<Ray>,
-    /// Number of shadow rays.
-    pub shadow_ray_count: usize,
-    /// Receives their answers: 1 for occluded, else 0.
-    pub occluded: &'a mut dyn DeviceMemory<u32>,
-}
-
-/// Cost of one dispatch.
+/// Cost of a stream that a device has traced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceReport {
     /// Bytes copied between host and device memory, both ways.
@@ -63,10 +46,6 @@ pub struct DeviceReport {
     pub masked: u64,
     /// Rays that the CPU traced again as a sample, to check the device.
     pub checked: u64,
-    /// Nanoseconds from full streams to submitted work.
-    pub sending_ns: u64,
-    /// Nanoseconds from submitted work to readable answers.
-    pub waiting_ns: u64,
 }
 
 impl std::ops::AddAssign for DeviceReport {
@@ -76,20 +55,7 @@ impl std::ops::AddAssign for DeviceReport {
         self.retraced += other.retraced;
         self.masked += other.masked;
         self.checked += other.checked;
-        self.sending_ns += other.sending_ns;
-        self.waiting_ns += other.waiting_ns;
     }
-}
-
-/// The stream sizes with which a device traces fastest, as calibrated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sizing {
-    /// Number of rays from which the fixed cost of a dispatch hardly matters. Streams are filled up to it.
-    pub threshold: usize,
-    /// Below this number of rays a host thread is faster than a dispatch.
-    pub least: usize,
-    /// Number of streams in flight that keeps the device busy.
-    pub in_flight: usize,
 }
 
 /// Reason why a device did not answer. The answers are then unspecified, and the caller traces the rays on the host.
@@ -104,17 +70,15 @@ pub enum DeviceError {
     Failed(String),
 }
 
-/// Traces ray streams on a device. Calls block the calling dispatch thread. Several dispatch threads may call
-/// at once.
+/// Traces bundles of ray streams on a device, while host threads do other work. One thread submits bundles and waits
+/// for them; several bundles are under way at once.
 pub trait DeviceTracer: Send + Sync {
     /// The device's name in reports.
     fn name(&self) -> &str;
 
-    /// The largest number of rays, and of shadow rays, in one call of [`DeviceTracer::trace`].
-    fn max_rays(&self) -> usize;
-
-    /// The stream sizes that suit the device, if it has been calibrated.
-    fn sizing(&self) -> Option<Sizing> {
+    /// Number of rays from which the fixed cost of a submission hardly matters, if it has been measured. Streams are
+    /// bundled up to it.
+    fn bundle_rays(&self) -> Option<usize> {
         None
     }
 
@@ -129,18 +93,29 @@ pub trait DeviceTracer: Send + Sync {
         None
     }
 
-    /// Answers queries in place. The device owns the memory during the call: see [`DeviceMemory`].
-    /// Returns `None`, and does nothing, if the memory is not this device's.
+    /// Begins to trace a bundle of streams.
     ///
     /// # Errors
-    /// As [`DeviceTracer::trace`].
-    fn trace_in_place(&self, _stream: InPlace<'_>) -> Option<Result<DeviceReport, DeviceError>> {
-        None
-    }
+    /// When the device cannot take them. It has dropped them then.
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError>;
+}
 
-    /// Answers queries with the same bytes as a [`Tracer`].
+/// A bundle under way.
+pub trait Ticket: Send {
+    /// Waits until the device has traced the bundle, for at most about `timeout`. Returns what resolves each stream, in
+    /// the order of the bundle, once; `None` if the device is still at work.
     ///
     /// # Errors
-    /// [`DeviceError::Lost`] if the device cannot answer, now or ever again.
-    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError>;
+    /// When the device cannot answer any more. The bundle's streams are traced by the host then, and the ticket is
+    /// dropped.
+    fn wait(&mut self, timeout: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError>;
+}
+
+/// Turns what a device has written for a stream into the bytes of a [`Tracer`].
+pub trait Resolve: Send {
+    /// Writes the answers. Called by a host thread.
+    ///
+    /// # Errors
+    /// When the device has answered wrongly. The stream is traced by the host then.
+    fn resolve(self: Box<Self>, stream: &DeviceStream) -> Result<DeviceReport, DeviceError>;
 }

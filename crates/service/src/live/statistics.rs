@@ -121,9 +121,8 @@ impl Timeline {
     /// The timeline of a job.
     pub(super) fn of(report: &JobReport) -> Self {
         let micros = |ns: u64| ns / 1000;
-        let hosts = report.threads.iter().filter(|thread| thread.kind == ThreadKind::Host).count();
         let name = |(index, kind): (usize, ThreadKind)| match kind {
-            ThreadKind::Dispatch => format!("dispatch {}", index - hosts),
+            ThreadKind::Device => "device".to_owned(),
             _ => format!("host {index}"),
         };
         let threads = report.threads.iter().map(|thread| thread.kind).enumerate().map(name).collect();
@@ -132,7 +131,8 @@ impl Timeline {
             TaskKind::Shade => 1,
             TaskKind::Trace => 2,
             TaskKind::Dispatch => 3,
-            _ => 4,
+            TaskKind::Resolve => 4,
+            _ => 5,
         };
         let mut tasks: Vec<_> = report
             .timeline

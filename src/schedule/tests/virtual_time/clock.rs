@@ -2,7 +2,7 @@
 
 use super::machine::{Device, Machine};
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use std::collections::BinaryHeap;
 
 /// Nanoseconds, ordered.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,10 +27,6 @@ impl PartialOrd for Ns {
 pub enum Step {
     /// Computes for so many nanoseconds of a core.
     Compute(f64),
-    /// Submits a dispatch, once no other thread does.
-    Submit,
-    /// Waits for the device to trace so many rays and shadow rays.
-    Wait([u64; 2]),
     /// Waits for so many nanoseconds.
     Sleep(f64),
 }
@@ -44,11 +40,6 @@ pub struct Clock {
     work: f64,
     computing: BinaryHeap<Reverse<(Ns, usize)>>,
     waiting: BinaryHeap<Reverse<(Ns, usize)>>,
-    /// The thread that submits, and those that wait to.
-    submits: Option<usize>,
-    submitters: VecDeque<usize>,
-    /// The thread that has been given the queue's lock and does not run yet.
-    woken: Option<usize>,
     /// When each stage of the device is free.
     free: [f64; 3],
     /// Time in which the device's kernels ran.
@@ -64,12 +55,13 @@ impl Clock {
             work: 0.0,
             computing: BinaryHeap::new(),
             waiting: BinaryHeap::new(),
-            submits: None,
-            submitters: VecDeque::new(),
-            woken: None,
             free: [0.0; 3],
             device_busy_ns: 0.0,
         }
+    }
+
+    pub fn now(&self) -> f64 {
+        self.now
     }
 
     pub fn now_ns(&self) -> u64 {
@@ -81,59 +73,24 @@ impl Clock {
         match step {
             Step::Compute(ns) => self.computing.push(Reverse((Ns(self.work + ns), thread))),
             Step::Sleep(ns) => self.waiting.push(Reverse((Ns(self.now + ns), thread))),
-            Step::Submit if self.submits.is_some() => self.submitters.push_back(thread),
-            Step::Submit => self.submit(thread),
-            Step::Wait(rays) => {
-                let device = self.device.expect("only a machine with a device dispatches");
-                let mut at = self.now;
-                let stages = device.stages(rays);
-                for (free, ns) in self.free.iter_mut().zip(stages) {
-                    at = at.max(*free) + ns;
-                    *free = at;
-                }
-                self.device_busy_ns += stages[1];
-                self.waiting.push(Reverse((Ns(at + device.latency_ns), thread)));
-            }
         }
     }
 
-    fn submit(&mut self, thread: usize) {
-        self.submits = Some(thread);
-        let ns = self.device.map_or(0.0, |device| device.submit_ns);
-        self.computing.push(Reverse((Ns(self.work + ns), thread)));
+    /// Has the device trace so many rays and shadow rays from now on; returns when they can be read.
+    pub fn submit(&mut self, rays: [u64; 2]) -> f64 {
+        let device = self.device.expect("only a machine with a device has bundles");
+        let mut at = self.now;
+        let stages = device.stages(rays);
+        for (free, ns) in self.free.iter_mut().zip(stages) {
+            at = at.max(*free) + ns;
+            *free = at;
+        }
+        self.device_busy_ns += stages[1];
+        at + device.latency_ns
     }
 
     /// The thread that ends its step next; time goes on until then. `None` if no thread has one.
     pub fn next(&mut self) -> Option<usize> {
-        loop {
-            let thread = self.next_event()?;
-            if self.woken == Some(thread) {
-                self.woken = None;
-                self.submit(thread);
-                continue;
-            }
-            if self.submits == Some(thread) {
-                self.submits = None;
-                self.pass_on();
-            }
-            return Some(thread);
-        }
-    }
-
-    /// Gives the queue's lock to the thread that has waited longest. Where no core is idle, it takes a while to run.
-    fn pass_on(&mut self) {
-        let Some(next) = self.submitters.pop_front() else { return };
-        let device = self.device.expect("only a machine with a device has a queue");
-        if self.computing.len() < self.cores as usize {
-            self.submit(next);
-        } else {
-            (self.submits, self.woken) = (Some(next), Some(next));
-            self.begin(next, Step::Sleep(device.handover_ns));
-        }
-    }
-
-    /// The thread whose computing or waiting ends next.
-    fn next_event(&mut self) -> Option<usize> {
         // Nanoseconds for one of each thread that computes.
         let pace = (self.computing.len() as f64 / self.cores).max(1.0);
         let computed = self.computing.peek().map(|Reverse((at, _))| self.now + (at.0 - self.work) * pace);

@@ -1,9 +1,12 @@
 //! A frame whose rays stand for many: what a renderer, a host's tracer and a device do with them is counted, not done.
 
 use super::super::super::{Batch, Output, Renderer};
-use crate::stream::{DeviceError, DeviceReport, DeviceTracer, Hit, Queries, Ray, Tracer};
-use std::sync::Mutex;
+use crate::stream::{
+    DeviceError, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, Resolve, Ticket, Tracer,
+};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
 
 /// Rays that one stands for: the smallest chunk. All sizes of a simulated job are counted in these.
 pub const GRAIN: usize = 1024;
@@ -34,8 +37,6 @@ impl Rays {
 pub struct Done {
     pub traced: u64,
     pub shaded: u64,
-    /// Rays and shadow rays of a dispatch.
-    pub dispatched: [u64; 2],
 }
 
 /// A frame: every camera ray goes on with the same probability, spread evenly over batches, and so do shadow rays.
@@ -47,7 +48,6 @@ pub struct Frame {
     rest: Mutex<[f64; 2]>,
     traced: AtomicU64,
     shaded: AtomicU64,
-    dispatched: [AtomicU64; 2],
 }
 
 impl Frame {
@@ -59,18 +59,13 @@ impl Frame {
             rest: Mutex::default(),
             traced: AtomicU64::new(0),
             shaded: AtomicU64::new(0),
-            dispatched: Default::default(),
         }
     }
 
     /// What has been done since this was called last.
     pub fn take_done(&self) -> Done {
         let take = |count: &AtomicU64| count.swap(0, Relaxed) * GRAIN as u64;
-        Done {
-            traced: take(&self.traced),
-            shaded: take(&self.shaded),
-            dispatched: self.dispatched.each_ref().map(take),
-        }
+        Done { traced: take(&self.traced), shaded: take(&self.shaded) }
     }
 }
 
@@ -126,18 +121,83 @@ impl Tracer for Frame {
     }
 }
 
-impl DeviceTracer for Frame {
+/// The device of a frame: what is submitted is counted, and done when the clock says so.
+#[derive(Default)]
+pub struct Queue {
+    state: Arc<Mutex<QueueState>>,
+    pub bundle_rays: usize,
+}
+
+#[derive(Default)]
+pub struct QueueState {
+    /// What has been submitted since the clock looked last.
+    pub submitted: Option<[u64; 2]>,
+    /// What a thread waits for since then: the bundle's number, and the most nanoseconds.
+    pub waited: Option<(usize, f64)>,
+    /// When each bundle can be read.
+    pub readable: Vec<f64>,
+    pub now: f64,
+    /// Rays resolved since the clock looked last.
+    pub resolved: u64,
+    bundles: usize,
+}
+
+impl Queue {
+    pub fn new(bundle_rays: usize) -> Self {
+        Self { bundle_rays, ..Self::default() }
+    }
+
+    pub fn state(&self) -> MutexGuard<'_, QueueState> {
+        self.state.lock().unwrap()
+    }
+}
+
+struct Bundle {
+    number: usize,
+    streams: Vec<u64>,
+    state: Arc<Mutex<QueueState>>,
+}
+
+impl DeviceTracer for Queue {
     fn name(&self) -> &str {
         "a modelled device"
     }
 
-    fn max_rays(&self) -> usize {
-        usize::MAX
+    fn bundle_rays(&self) -> Option<usize> {
+        Some(self.bundle_rays)
     }
 
-    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
-        self.dispatched[0].fetch_add(queries.rays.len() as u64, Relaxed);
-        self.dispatched[1].fetch_add(queries.shadow_rays.len() as u64, Relaxed);
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        let grains = |rays: &[Ray]| (rays.len() * GRAIN) as u64;
+        let counts: Vec<_> = bundle.iter().map(|s| [grains(s.rays()), grains(s.shadow_rays())]).collect();
+        let mut state = self.state();
+        state.submitted = Some([0, 1].map(|kind| counts.iter().map(|count| count[kind]).sum()));
+        state.bundles += 1;
+        let streams = counts.iter().map(|count| count.iter().sum()).collect();
+        Ok(Box::new(Bundle { number: state.bundles - 1, streams, state: Arc::clone(&self.state) }))
+    }
+}
+
+impl Ticket for Bundle {
+    fn wait(&mut self, timeout: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError> {
+        let mut state = self.state.lock().unwrap();
+        if state.readable[self.number] > state.now {
+            state.waited = Some((self.number, timeout.as_nanos() as f64));
+            return Ok(None);
+        }
+        let of = |rays: u64| Box::new(Answer { rays, state: Arc::clone(&self.state) }) as Box<dyn Resolve>;
+        Ok(Some(self.streams.iter().map(|&rays| of(rays)).collect()))
+    }
+}
+
+struct Answer {
+    rays: u64,
+    state: Arc<Mutex<QueueState>>,
+}
+
+impl Resolve for Answer {
+    fn resolve(self: Box<Self>, _: &DeviceStream) -> Result<DeviceReport, DeviceError> {
+        self.state.lock().unwrap().resolved += self.rays;
         Ok(DeviceReport::default())
     }
 }

@@ -17,9 +17,8 @@ use super::super::task::Work;
 use super::super::{JobOptions, Limits, Policy, ServiceOptions, Sharing, Tracers, Unit};
 use crate::stream::ChunkScratch;
 use clock::{Clock, Step};
-use frame::{Done, Frame, GRAIN, TILE_RAYS};
-use machine::{Machine, Scene};
-use std::collections::VecDeque;
+use frame::{Done, Frame, GRAIN, Queue, TILE_RAYS};
+use machine::{Device, Machine, Scene};
 use std::sync::{Arc, Mutex};
 
 /// From waking a thread until it runs.
@@ -55,43 +54,34 @@ impl Receiver for Outbox {
     }
 }
 
-/// A thread's task, or what it does before its next.
-#[derive(Default)]
-struct Thread {
-    steps: VecDeque<Step>,
-    work: Option<Arc<dyn Work>>,
-    has_dispatched: bool,
-}
-
 struct Simulation {
     run: Run,
     state: State,
     clock: Clock,
     frame: Arc<Frame>,
-    threads: Vec<Thread>,
+    /// The task of each thread.
+    threads: Vec<Option<Arc<dyn Work>>>,
     pool: Pool,
     scratch: ChunkScratch,
-    /// Of tracing and shading, by the size of the streams.
-    slowdown: f64,
+    queue: Arc<Queue>,
 }
 
 impl Run {
-    fn dispatchers(&self) -> usize {
-        let device = self.machine.device.filter(|_| self.unit != Unit::Cpu);
-        device.map_or(0, |device| device.sizing.in_flight)
+    /// The device, if it is used.
+    fn device(&self) -> Option<Device> {
+        self.machine.device.filter(|_| self.unit != Unit::Cpu)
     }
 
     /// The sizes that the job would have, in rays.
     fn limits(&self) -> Limits {
-        let device = self.machine.device.filter(|_| self.unit != Unit::Cpu);
         let demand = Demand {
             tiles: (self.scene.rays.camera / TILE_RAYS as f64).ceil() as u64,
             tile_rays: TILE_RAYS,
             shadow_rays_per_ray: usize::from(self.scene.rays.shadow > 0.0),
             most_in_flight: usize::MAX,
             host_threads: self.machine.hosts,
-            dispatch_threads: self.dispatchers(),
-            device: device.map(|device| device.sizing),
+            has_device: self.device().is_some(),
+            bundle_rays: self.device().map(|device| device.bundle_rays),
         };
         Limits::derive(&JobOptions::default(), demand).expect("a real job's sizes fit each other")
     }
@@ -110,37 +100,39 @@ impl Run {
             policy: Some(self.policy),
             ..JobOptions::default()
         };
-        let (hosts, dispatchers) = (self.machine.hosts, self.dispatchers());
+        let (hosts, has_device) = (self.machine.hosts, self.device().is_some());
+        let bundle_rays = (limits.bundle_rays / GRAIN).max(1);
+        let queue = Arc::new(Queue::new(bundle_rays));
         let frame = Arc::new(Frame::new(self.scene.rays));
         let mut simulation = Simulation {
             state: State::new(&ServiceOptions {
                 host_threads: hosts,
-                dispatch_threads: dispatchers,
+                device_thread: has_device,
                 max_jobs: 1,
                 max_queries: 1,
                 sharing: Sharing::Fair,
                 rayon_pool: None,
             }),
             clock: Clock::new(&self.machine),
-            threads: (0..hosts + dispatchers).map(|_| Thread::default()).collect(),
+            threads: (0..hosts + usize::from(has_device)).map(|_| None).collect(),
             pool: Pool::new(1),
             scratch: ChunkScratch::default(),
-            slowdown: self.scene.slowdown_at(limits.threshold),
+            queue: Arc::clone(&queue),
             frame: Arc::clone(&frame),
             run: self,
         };
-        for thread in 0..hosts + dispatchers {
+        for thread in 0..simulation.threads.len() {
             drop(simulation.state.next(thread, 0));
         }
         let tracers = Tracers {
-            device: (dispatchers > 0).then(|| Arc::clone(&frame) as _),
+            device: has_device.then_some(queue as _),
             unit: self.unit,
             ..Tracers::cpu(Arc::clone(&frame) as _)
         };
         let outbox = Arc::new(Outbox::default());
         let receiver = Arc::clone(&outbox) as _;
         let submission =
-            prepare(frame, tracers, &options, (hosts, dispatchers), &simulation.pool, receiver).unwrap();
+            prepare(frame, tracers, &options, (hosts, has_device), &simulation.pool, receiver).unwrap();
         simulation.state.submit(submission, 0);
         simulation.apply_effects();
         while let Some(thread) = simulation.clock.next() {
@@ -157,38 +149,35 @@ impl Run {
 impl Simulation {
     /// A thread has ended a step.
     fn step(&mut self, thread: usize) {
-        if let Some(step) = self.threads[thread].steps.pop_front() {
-            self.clock.begin(thread, step);
-            return;
-        }
         let now_ns = self.clock.now_ns();
-        if self.threads[thread].work.take().is_some() {
+        if self.threads[thread].take().is_some() {
             self.state.finish(thread, now_ns);
         }
+        self.queue.state().now = self.clock.now();
         if let Next::Work(work) = self.state.next(thread, now_ns) {
             work.work(thread, &mut self.scratch);
-            self.threads[thread].work = Some(work);
-            self.threads[thread].steps = self.cost(thread);
-            let first = self.threads[thread].steps.pop_front().expect("a task has a step");
-            self.clock.begin(thread, first);
+            self.threads[thread] = Some(work);
+            let step = self.cost();
+            self.clock.begin(thread, step);
         }
         self.apply_effects();
     }
 
-    /// The steps of the task that a thread has.
-    fn cost(&mut self, thread: usize) -> VecDeque<Step> {
+    /// The step of the task that has just been given to a thread.
+    fn cost(&mut self) -> Step {
         let Scene { trace_ns, shade_ns, resolve_ns, .. } = self.run.scene;
-        let Done { traced, shaded, dispatched } = self.frame.take_done();
-        let rays = dispatched.iter().sum::<u64>();
-        if rays > 0 {
-            let is_first = !std::mem::replace(&mut self.threads[thread].has_dispatched, true);
-            let first_ns = self.run.machine.device.filter(|_| is_first).map_or(0.0, |device| device.first_ns);
-            let resolve = Step::Compute(rays as f64 * resolve_ns);
-            [Step::Submit, Step::Sleep(first_ns), Step::Wait(dispatched), resolve].into()
-        } else {
-            let ns = traced as f64 * trace_ns + shaded as f64 * shade_ns;
-            [Step::Compute(ns * self.slowdown)].into()
+        let mut queue = self.queue.state();
+        if let Some(rays) = queue.submitted.take() {
+            let submit_ns = self.run.device().map_or(0.0, |device| device.submit_ns);
+            queue.readable.push(self.clock.submit(rays));
+            return Step::Compute(submit_ns);
         }
+        if let Some((bundle, most_ns)) = queue.waited.take() {
+            return Step::Sleep((queue.readable[bundle] - queue.now).min(most_ns));
+        }
+        let Done { traced, shaded } = self.frame.take_done();
+        let resolved = std::mem::take(&mut queue.resolved) as f64 * resolve_ns;
+        Step::Compute(traced as f64 * trace_ns + shaded as f64 * shade_ns + resolved)
     }
 
     /// Wakes threads and delivers the result, as the service does.

@@ -73,7 +73,7 @@ export class TimelinePlot {
     const used = [...new Set(tasks.map((task) => task[0]))].sort((a, b) => a - b);
     const label = width > 260 ? 62 : 0;
     const row = Math.min(26, height / Math.max(1, used.length));
-    const paint = colours(["spawn", "shade", "trace", "dispatch"]);
+    const paint = colours(["spawn", "shade", "trace", "dispatch", "resolve"]);
     const scale = (width - label) / Math.max(1, wall_us);
     const quiet = colours(["quiet"])[0];
     context.font = "10px system-ui";
