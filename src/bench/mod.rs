@@ -8,6 +8,7 @@ pub mod latency;
 #[cfg(feature = "serve")]
 pub mod live;
 pub mod meshes;
+pub mod modelled_device;
 pub mod noise;
 mod order;
 pub mod pictures;
