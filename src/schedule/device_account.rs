@@ -3,12 +3,13 @@
 use super::policy::{DevicePace, Line, Pace};
 
 /// What a bundle with the device counts for.
-#[derive(Clone, Copy)]
 pub(super) struct BundleAccount {
     pub paths: usize,
     pub submitted_ns: u64,
     /// Rays and shadow rays of this job that the device had before.
     pub ahead: u64,
+    /// When each stream became full, if it waited in TRACE.
+    pub full_ns: Vec<Option<u64>>,
 }
 
 /// How long bundles took from their submission to their answer, by the rays that the device had then: the line of least
@@ -50,7 +51,7 @@ impl Turnaround {
 #[derive(Default)]
 pub(super) struct DeviceAccount {
     /// When the streams of the bundle that is being submitted became full.
-    pub full_ns: Vec<u64>,
+    pub full_ns: Vec<Option<u64>>,
     /// When the last bundle was traced.
     last_ns: u64,
     /// Bundles submitted, and the thread's time.
@@ -73,8 +74,8 @@ impl DeviceAccount {
     }
 
     /// Notes a bundle that the device has traced; returns when the device turned to it.
-    pub fn note(&mut self, rays: u64, bundle: BundleAccount, end_ns: u64) -> u64 {
-        let BundleAccount { submitted_ns, ahead, .. } = bundle;
+    pub fn note(&mut self, rays: u64, bundle: &BundleAccount, end_ns: u64) -> u64 {
+        let &BundleAccount { submitted_ns, ahead, .. } = bundle;
         self.turnaround.note((rays + ahead) as f64, (end_ns - submitted_ns) as f64);
         let start_ns = submitted_ns.max(self.last_ns);
         self.last_ns = end_ns;

@@ -2,7 +2,7 @@
 
 use super::device_account::{BundleAccount, DeviceAccount};
 use super::limits::BUNDLE_STREAMS;
-use super::lists::{Lists, weight};
+use super::lists::{Lists, Waits, weight};
 use super::policy::{Pace, PathLengths};
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
@@ -52,11 +52,13 @@ struct TaskAccount {
     paths: usize,
     /// Rays and shadow rays in the task, for its record; 0 for a spawn task, whose rays are known at its end.
     rays: u64,
+    /// Of a stream to be resolved.
+    waits: Waits,
 }
 
 impl TaskAccount {
     fn new(rule: Rule, paths: usize, rays: u64) -> Self {
-        Self { rule, paths, rays }
+        Self { rule, paths, rays, waits: [0; 2] }
     }
 
     /// What the timeline calls the task. What the device thread does is seen there as what the device does.
@@ -228,14 +230,15 @@ impl<R: Renderer> TypedJob<R> {
                 (Task::Trace(chunk), TaskAccount::new(rule, 0, rays))
             }
             Rule::Resolve => {
-                let stream = self.lists.next_to_resolve();
+                let (stream, waits) = self.lists.next_to_resolve();
                 let (paths, rays) = (self.paths(&stream), weight(&stream) as u64);
-                (Task::Resolve(stream), TaskAccount::new(rule, paths, rays))
+                (Task::Resolve(stream), TaskAccount { waits, ..TaskAccount::new(rule, paths, rays) })
             }
             Rule::Submit => {
                 // The first is small, so that it is soon known how fast the device is.
                 let most = if self.device.is_new() { 1 } else { BUNDLE_STREAMS };
-                let (bundle, full_ns) = self.lists.next_bundle(most, thread);
+                let bundle = self.lists.next_bundle(most, thread);
+                let (bundle, full_ns): (Vec<_>, Vec<_>) = bundle.into_iter().unzip();
                 let paths = bundle.iter().map(|stream| self.paths(stream)).sum();
                 let rays = bundle.iter().map(|stream| weight(stream) as u64).sum();
                 self.on_device = (self.on_device.0 + 1, self.on_device.1 + rays);
@@ -244,10 +247,10 @@ impl<R: Renderer> TypedJob<R> {
                 (Task::Submit(bundle), TaskAccount::new(rule, paths, rays))
             }
             Rule::Wait => {
-                let (flight, account) = self.flights.pop_front().expect("the device has a bundle");
-                self.waited = Some(account);
+                let (flight, bundle) = self.flights.pop_front().expect("the device has a bundle");
+                let task = TaskAccount::new(rule, bundle.paths, flight.rays);
                 self.with_device_thread = flight.streams.len();
-                let task = TaskAccount::new(rule, account.paths, flight.rays);
+                self.waited = Some(bundle);
                 (Task::Wait(flight, policy::wait_time(load)), task)
             }
         }
@@ -312,6 +315,9 @@ impl<R: Renderer> TypedJob<R> {
             Done::Resolved { stream, report } => {
                 self.progress.gpu_rays += account.rays;
                 self.count_device(report);
+                let [waited_ns, readable_ns] = account.waits;
+                self.report.device_waits.full_to_dispatched.record(waited_ns);
+                self.report.device_waits.dispatched_to_readable.record(readable_ns);
                 self.lists.put_back_resolved(stream, thread);
                 account.rays
             }
@@ -321,14 +327,11 @@ impl<R: Renderer> TypedJob<R> {
                 0
             }
             Done::Submitted(flight) => {
-                for full_ns in std::mem::take(&mut self.device.full_ns) {
-                    let waited_ns = end_ns.saturating_sub(full_ns);
-                    self.report.device_waits.full_to_dispatched.record(waited_ns);
-                }
                 let bundle = BundleAccount {
                     paths: account.paths,
                     submitted_ns: end_ns,
                     ahead: self.on_device.1 - account.rays,
+                    full_ns: std::mem::take(&mut self.device.full_ns),
                 };
                 self.flights.push_back((flight, bundle));
                 account.rays
@@ -341,12 +344,12 @@ impl<R: Renderer> TypedJob<R> {
             Done::Answered(streams) => {
                 let bundle = self.waited.take().expect("a bundle is waited for");
                 self.on_device = (self.on_device.0 - 1, self.on_device.1 - account.rays);
-                for _ in &streams {
-                    let readable_ns = end_ns - bundle.submitted_ns;
-                    self.report.device_waits.dispatched_to_readable.record(readable_ns);
+                self.count_bundle(account.rays, &bundle, thread, end_ns);
+                let submitted_ns = bundle.submitted_ns;
+                for (stream, full_ns) in streams.into_iter().zip(bundle.full_ns) {
+                    let waited_ns = full_ns.map_or(0, |full_ns| submitted_ns.saturating_sub(full_ns));
+                    self.lists.put_back_answered(stream, [waited_ns, end_ns - submitted_ns]);
                 }
-                self.count_bundle(account.rays, bundle, thread, end_ns);
-                streams.into_iter().for_each(|stream| self.lists.put_back_answered(stream));
                 0
             }
             Done::Untraced { streams, reason } => {
@@ -373,7 +376,7 @@ impl<R: Renderer> TypedJob<R> {
     }
 
     /// Counts a bundle that the device has traced.
-    fn count_bundle(&mut self, rays: u64, bundle: BundleAccount, thread: usize, end_ns: u64) {
+    fn count_bundle(&mut self, rays: u64, bundle: &BundleAccount, thread: usize, end_ns: u64) {
         let start_ns = self.device.note(rays, bundle, end_ns);
         self.report.gpu.busy_s += (end_ns - start_ns) as f64 * 1e-9;
         self.report.gpu.waiting_s += (end_ns - bundle.submitted_ns) as f64 * 1e-9;

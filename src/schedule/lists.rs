@@ -20,7 +20,7 @@ pub(super) struct Lists<P, S> {
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
     /// Streams that the device has traced and that are not resolved.
-    answered: VecDeque<RayStream<Answered, P, S>>,
+    answered: VecDeque<(RayStream<Answered, P, S>, Waits)>,
     /// Streams of SHADE that have not been shaded at all.
     shade: Vec<Used<RayStream<Traced, P, S>>>,
     /// Streams of SHADE that have been shaded in part. They are taken before all others, so they are few.
@@ -28,6 +28,12 @@ pub(super) struct Lists<P, S> {
     /// Streams allocated so far, in the lists or with threads.
     made: usize,
 }
+
+/// Nanoseconds that a stream waited until it was submitted, and from there until its answers could be read.
+pub(super) type Waits = [u64; 2];
+
+/// A full stream, and when it entered TRACE, if it did.
+pub(super) type FullSince<P, S> = (RayStream<Full, P, S>, Option<u64>);
 
 /// A stream of TRACE, and when it entered.
 struct Waiting<P, S> {
@@ -205,41 +211,41 @@ impl<P, S> Lists<P, S> {
     }
 
     /// The next bundle for the device, of at most `most` streams: the oldest of TRACE until it is full, or else the
-    /// fullest of NEEDMORE. Tells when each entered TRACE.
+    /// fullest of NEEDMORE. Tells when each entered TRACE, if
+    /// it did.
     ///
     /// # Panics
     /// If both are empty.
-    pub fn next_bundle(&mut self, most: usize, thread: usize) -> (Vec<RayStream<Full, P, S>>, Vec<u64>) {
-        let (mut bundle, mut since, mut rays) = (Vec::new(), Vec::new(), 0);
+    pub fn next_bundle(&mut self, most: usize, thread: usize) -> Vec<FullSince<P, S>> {
+        let (mut bundle, mut rays) = (Vec::new(), 0);
         let flushes = self.trace.is_empty();
         while rays < self.limits.bundle_rays && bundle.len() < most.min(BUNDLE_STREAMS) {
             let stream = if flushes {
-                self.flush(thread)
+                self.flush(thread).map(|stream| (stream, None))
             } else {
                 self.trace.pop_front().map(|Waiting { stream, since_ns, .. }| {
                     self.trace_rays -= weight(&stream);
-                    since.push(since_ns);
-                    stream
+                    (stream, Some(since_ns))
                 })
             };
-            let Some(stream) = stream else { break };
+            let Some((stream, since_ns)) = stream else { break };
             rays += weight(&stream);
-            bundle.push(stream);
+            bundle.push((stream, since_ns));
         }
         assert!(!bundle.is_empty(), "there is a stream for the device");
-        (bundle, since)
+        bundle
     }
 
     /// Puts a stream back for which the device has written what its answers are made of.
-    pub fn put_back_answered(&mut self, stream: RayStream<Answered, P, S>) {
-        self.answered.push_back(stream);
+    pub fn put_back_answered(&mut self, stream: RayStream<Answered, P, S>, waits: Waits) {
+        self.answered.push_back((stream, waits));
     }
 
     /// The next stream to resolve.
     ///
     /// # Panics
     /// If there is none.
-    pub fn next_to_resolve(&mut self) -> RayStream<Answered, P, S> {
+    pub fn next_to_resolve(&mut self) -> (RayStream<Answered, P, S>, Waits) {
         self.answered.pop_front().expect("the device has traced a stream")
     }
 
@@ -271,7 +277,7 @@ impl<P, S> Lists<P, S> {
         empty.extend(need_more.into_iter().map(|used| used.stream.discard()));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
-        empty.extend(answered.into_iter().map(RayStream::discard));
+        empty.extend(answered.into_iter().map(|(stream, _)| stream.discard()));
         empty.extend(shade.into_iter().chain(begun).map(|used| used.stream.discard()));
         empty
     }
@@ -284,7 +290,7 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.need_more.iter().map(|s| weigh(s.stream.rays(), s.stream.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
-        sizes.extend(self.answered.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.answered.iter().map(|(s, _)| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.stream.rays_left(), s.stream.shadow_rays_left())));
         assert_eq!(

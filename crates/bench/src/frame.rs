@@ -2,6 +2,7 @@
 //! each add one thing to the one before, in one process, in interleaved rounds.
 
 use super::Spread;
+use super::modelled_device::{Model, ModelledDevice};
 use raystream::engine::PreparedScene;
 use raystream::film::Image;
 use raystream::lanes::SimdLevel;
@@ -9,8 +10,8 @@ use raystream::meters::Meters;
 use raystream::render::{PathTracer, RayByRay, Settings, SettingsError, render_single_rays};
 use raystream::scene::Camera;
 use raystream::schedule::{
-    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, TaskKind, Tracers,
-    Unit,
+    JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, ServiceError,
+    ServiceOptions, TaskKind, Tracers, Unit,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -121,6 +122,9 @@ pub enum FrameError {
     /// The job's sizes contradict each other.
     #[error(transparent)]
     Limits(#[from] LimitsError),
+    /// The service cannot start its threads.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
     /// A frame failed.
     #[error("{configuration} failed: {error}")]
     Job {
@@ -149,6 +153,8 @@ struct Rendered {
     seconds: f64,
     /// Thread time of shade tasks, if there were any.
     shade_s: Option<f64>,
+    /// Nanoseconds of a host thread to trace a ray, and to shade one, if there were any.
+    costs_ns: Option<[f64; 2]>,
     rays: RayCounts,
     hash: String,
     events: Vec<String>,
@@ -179,6 +185,35 @@ impl Bench<'_> {
             frame: Box::new(move || self.configuration(configuration)),
         });
         self.measure(contenders.collect())
+    }
+
+    /// Measures the policies beside a modelled device, whose rays as many threads trace as this machine has cores
+    /// besides the service's. Tells the bound too, in seconds: no schedule is faster.
+    ///
+    /// # Errors
+    /// When a frame cannot be rendered.
+    pub fn modelled(&self, model: Model) -> Result<(Report, f64), FrameError> {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = cores.saturating_sub(self.service.host_threads()).max(1);
+        let host = self.prepared.tracers.host.clone();
+        let mut prepared = self.prepared.clone();
+        let device = Arc::new(ModelledDevice::new(model, host.clone(), threads));
+        prepared.tracers = Tracers::cpu(host).with_device(device, Unit::Hybrid);
+        prepared.adapter = Some(model.to_string());
+        let service = Service::new(ServiceOptions::default().with_host_threads(self.service.host_threads()))?;
+        let bench = Bench { prepared: &prepared, service: &service, ..*self };
+        let report = bench.policies()?;
+        let path = bench.path(Shading::Lanes)?;
+        let cpu = Tracers::cpu(prepared.tracers.host.clone());
+        let alone = bench.frame("cpu", &path, path.clone(), cpu, JobOptions::default())?;
+        let [trace_ns, shade_ns] = alone.costs_ns.unwrap_or_default();
+        let (rays, hosts) = (report.rays.total() as f64, self.service.host_threads() as f64);
+        let seconds = |share: f64| {
+            let host_ns = (1.0 - share) * trace_ns + shade_ns;
+            (share * model.ray_ns()).max(host_ns / hosts) * rays * 1e-9
+        };
+        let bound = (0..=1000).map(|share| seconds(f64::from(share) / 1000.0)).fold(f64::INFINITY, f64::min);
+        Ok((report, bound))
     }
 
     /// Measures the policies: with a GPU all of them and each unit alone, else those that differ without one.
@@ -268,12 +303,15 @@ impl Bench<'_> {
         let started = Instant::now();
         let outcome = self.service.submit(renderer, tracers, options)?.wait();
         let seconds = started.elapsed().as_secs_f64();
-        let JobReport { rays, events, timeline, .. } =
+        let JobReport { rays, events, timeline, cpu, shading, .. } =
             outcome.map_err(|error| FrameError::Job { configuration, error })?;
-        let shading = timeline.iter().filter(|task| task.kind == TaskKind::Shade);
-        let shade_ns: u64 = shading.map(|task| task.end_ns - task.start_ns).sum();
+        let shades = timeline.iter().filter(|task| task.kind == TaskKind::Shade);
+        let shade_ns: u64 = shades.map(|task| task.end_ns - task.start_ns).sum();
         let shade_s = (shade_ns > 0).then_some(shade_ns as f64 * 1e-9);
-        Ok(Rendered { shade_s, ..rendered(seconds, path, rays, events) })
+        let ray_ns = |ns: f64, rays: u64| ns / rays.max(1) as f64;
+        let costs_ns = [ray_ns(cpu.busy_s * 1e9, cpu.rays), ray_ns(shading.ns as f64, shading.rays)];
+        let costs_ns = (cpu.rays > 0).then_some(costs_ns);
+        Ok(Rendered { shade_s, costs_ns, ..rendered(seconds, path, rays, events) })
     }
 
     /// Renders the frame with each contender, in interleaved rounds.
@@ -343,5 +381,5 @@ struct Contender<'a> {
 fn rendered(seconds: f64, path: &PathTracer, rays: RayCounts, events: Vec<String>) -> Rendered {
     let film = path.film();
     let image = Image::new(film.width(), film.height(), film.resolve());
-    Rendered { seconds, shade_s: None, rays, hash: image.hash(), events }
+    Rendered { seconds, shade_s: None, costs_ns: None, rays, hash: image.hash(), events }
 }

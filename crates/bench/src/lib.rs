@@ -7,6 +7,7 @@ pub mod frame;
 pub mod latency;
 #[cfg(feature = "service")]
 pub mod live;
+pub mod modelled_device;
 pub mod noise;
 mod order;
 pub mod pictures;

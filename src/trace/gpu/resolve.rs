@@ -249,7 +249,7 @@ struct SingleCandidates {
 
 impl SingleCandidates {
     fn new() -> Self {
-        Self { pairs: RayTrianglePairs::new(), primitives: [0; MAX_LANES], indices: [0; MAX_LANES] }
+        Self { pairs: RayTrianglePairs::default(), primitives: [0; MAX_LANES], indices: [0; MAX_LANES] }
     }
 
     #[inline(always)]

@@ -9,6 +9,7 @@ use raystream::picture::{CameraSpec, LightSpec};
 use raystream::render::Settings;
 use raystream::scene::Camera;
 use raystream::scene::generate::SCENE_HELP;
+use raystream_bench::modelled_device::Model;
 use std::path::{Path, PathBuf};
 
 /// The measurements.
@@ -244,6 +245,11 @@ pub struct BenchFrameArgs {
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Measure the policies beside a modelled GPU of so many Mray/s, seconds of latency and GB/s, and how near they
+    /// come to what no schedule exceeds. The cores that --threads leaves trace its rays; they must be faster than the
+    /// model.
+    #[arg(long, value_name = "RATE,LATENCY,BANDWIDTH", conflicts_with = "policies")]
+    pub model_gpu: Option<Model>,
     /// Rounds; each configuration renders the frame once a round.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub repeats: u32,

@@ -21,9 +21,15 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
         policy: setup.policy,
     };
     let bench = Bench { prepared: &setup.prepared, service: &setup.service, simd: setup.simd, options };
-    let report = if args.policies { bench.policies()? } else { bench.ladder()? };
+    let (report, bound_s) = match args.model_gpu {
+        Some(model) => bench.modelled(model).map(|(report, bound_s)| (report, Some(bound_s)))?,
+        None if args.policies => (bench.policies()?, None),
+        None => (bench.ladder()?, None),
+    };
     print(args, &report);
-    if setup.prepared.tracers.device.is_none() && !args.policies {
+    if let Some(bound_s) = bound_s {
+        print_bound(&report, bound_s);
+    } else if setup.prepared.tracers.device.is_none() && !args.policies {
         stderr_line!(
             "RA HYBRID is left out: no GPU is in use (request one with --tracer hybrid or --adapter)"
         );
@@ -31,6 +37,14 @@ pub fn run(args: &BenchFrameArgs) -> Result<Outcome> {
     write(args.shot.json.as_deref(), Some(&args.scene), &report.rows)?;
     let whole = report.differing.is_empty() && report.rows.iter().all(|row| row.events.is_empty());
     Ok(if whole { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// No schedule is faster than the bound: the share of it that each row has reached.
+fn print_bound(report: &Report, bound_s: f64) {
+    stdout_line!("bound: {:.1} ms; no schedule is faster", bound_s * 1e3);
+    for row in &report.rows {
+        stdout_line!("{:<17} {:>4.0} % of it", row.configuration, 100.0 * bound_s / row.seconds.median);
+    }
 }
 
 fn print(args: &BenchFrameArgs, report: &Report) {

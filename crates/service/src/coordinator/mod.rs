@@ -263,24 +263,27 @@ impl Runner {
         run.tasks.iter().map(|(_, watch)| watch.share() / frames).sum()
     }
 
-    /// The bus to workers on other machines, if this process is a coordinator, and a function that names those that
-    /// may render tiles of a scene, with their addresses. They may fetch the scene for as long as it is held.
+    /// The bus to workers on other machines, if this process is a coordinator.
+    pub fn bus(&self) -> Option<&Arc<dyn WorkBus>> {
+        self.farm.bus.as_ref()
+    }
+
+    /// A function that names the workers that may render tiles of a scene, with their addresses. They may fetch the
+    /// scene for as long as it is held.
     pub fn tile_workers(
         self: &Arc<Self>,
         sha256: &str,
-    ) -> Option<(Arc<dyn WorkBus>, impl Fn() -> Vec<(String, String)> + Send + Sync + use<>)> {
-        self.farm.bus.as_ref()?;
+    ) -> impl Fn() -> Vec<(String, String)> + Send + Sync + use<> {
         let (own, view) = (Arc::downgrade(self), Arc::new(()));
         let mut state = self.state();
         state.views.retain(|(_, view)| view.strong_count() > 0);
         state.views.push((sha256.to_owned(), Arc::downgrade(&view)));
         drop(state);
-        let workers = move || {
+        move || {
             let _is_open = &view;
             let runner = own.upgrade();
             runner.map_or_else(Vec::new, |runner| runner.state().workers.live(runner.bus.lease_time()))
-        };
-        Some((Arc::clone(&self.bus), workers))
+        }
     }
 
     /// True if workers may have the files of a scene: one that was uploaded, of a job that runs or of an open view.

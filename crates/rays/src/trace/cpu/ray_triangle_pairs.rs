@@ -22,10 +22,18 @@ pub struct RayTrianglePairs {
     corners: [[[f32; MAX_LANES]; 3]; 3],
 }
 
-impl RayTrianglePairs {
+impl Default for RayTrianglePairs {
     /// No pairs.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self { len: 0, rays: [Ray::default(); MAX_LANES], corners: [[[0.0; MAX_LANES]; 3]; 3] }
+    }
+}
+
+impl RayTrianglePairs {
+    /// True without pairs.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
     }
 
     /// Number of pairs.
@@ -137,7 +145,8 @@ mod tests {
 
         #[cfg_attr(not(unoptimised), inline(always))]
         fn run<L: Lanes>(self, l: L) -> Vec<Hit> {
-            let (mut pairs, mut hits, mut primitives) = (RayTrianglePairs::new(), Vec::new(), [0; MAX_LANES]);
+            let (mut pairs, mut hits, mut primitives) =
+                (RayTrianglePairs::default(), Vec::new(), [0; MAX_LANES]);
             for i in 0..self.0 {
                 primitives[pairs.len()] = i;
                 let (ray, corners) = pair(i);

@@ -96,7 +96,8 @@ fn view_scene(state: &State, scene: Option<String>) -> Result<ViewScene, Problem
     };
     let tile_workers = upload.and_then(|(sha256, entry)| {
         let identity = open_job.identity(0).ok()?;
-        let (bus, workers) = state.runner().tile_workers(&sha256)?;
+        let bus = Arc::clone(state.runner().bus()?);
+        let workers = state.runner().tile_workers(&sha256);
         Some(TileWorkers::new(bus, LiveScene { sha256, entry, identity }, workers))
     });
     Ok(view_scene.with_viewer(state.backend().viewer()).with_workers(tile_workers))
