@@ -5,7 +5,7 @@
 //! meshes, transforms ─ World::build → World, with the same queries
 //! ```
 //!
-//! Needs no scene file, service or device. [`crate::schedule::Service::closest`] has these and answers with
+//! Needs no scene file, service or device. `raystream::schedule::Service::closest` has these and answers with
 //! the same bits. Words are defined in `docs/glossary.md`.
 //!
 //! ```
