@@ -16,10 +16,6 @@ pub enum Prefetch {
     /// The second-level cache. A first-level cache can wait for a few dozen lines at once. At one more, Intel's
     /// processors stall until a line arrives, but AMD's up to Zen 4 drop the prefetch (measured: beyond 24 lines).
     /// Prefetches into the second-level cache are not dropped.
-    #[cfg_attr(
-        not(any(target_arch = "x86_64", test)),
-        expect(dead_code, reason = "only x86-64 has processors that need it")
-    )]
     Second,
 }
 
