@@ -182,7 +182,7 @@ class Nothing(service.Case):
         page.wait_for_timeout(1500)
         self.assertEqual(len(opened), 1)
         # A scene that cannot be read is refused in the words of the process that has read it.
-        content = '{ "shapes": [ { "shape": "no such shape" } ] }'
+        content = '{ "shapes": [ { "shape": "no such shape", "material": "grey" } ] }'
         scene = page.evaluate("""async (body) => {
             const digest = await crypto.subtle.digest("SHA-256", new TextEncoder().encode(body));
             const hash = [...new Uint8Array(digest)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -196,7 +196,8 @@ class Nothing(service.Case):
         page.evaluate("location.hash = 'live'")
         self.wait_for(page, "raystream.frames > 0")
         page.get_by_test_id("connection").get_by_text("connected").wait_for()
-        self.assertTrue(page.get_by_test_id("notice").is_hidden())
+        notice = page.get_by_test_id("notice")
+        self.assertTrue(notice.is_hidden(), notice.inner_text())
 
 
 if __name__ == "__main__":

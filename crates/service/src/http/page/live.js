@@ -41,6 +41,8 @@ export class Live {
     this.picks = new Map();
     this.nextPick = 1;
     this.isSent = false;
+    // What the view before was told.
+    this.notice(null);
     window.raystream = { gen: 0, spp: 0, frames: 0 };
     this.connection = new Connection(url, {
       state: (state) => this.tellState(state),
