@@ -33,12 +33,15 @@ impl FromStr for Model {
     type Err = NoModel;
 
     fn from_str(text: &str) -> Result<Self, NoModel> {
-        let numbers: Vec<f64> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
-        match numbers[..] {
-            [mray_per_s, latency_s, gb_per_s] if numbers.iter().all(|&n| n > 0.0 && n.is_finite()) => {
+        let wrong = || NoModel(text.to_owned());
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+        match numbers.map_err(|_| wrong())?[..] {
+            [mray_per_s, latency_s, gb_per_s]
+                if [mray_per_s, latency_s, gb_per_s].iter().all(|&n: &f64| n > 0.0 && n.is_finite()) =>
+            {
                 Ok(Self { mray_per_s, latency_s, gb_per_s })
             }
-            _ => Err(NoModel(text.to_owned())),
+            _ => Err(wrong()),
         }
     }
 }
@@ -176,5 +179,20 @@ struct Canonical;
 impl Resolve for Canonical {
     fn resolve(self: Box<Self>, _: &DeviceStream) -> Result<DeviceReport, DeviceError> {
         Ok(DeviceReport::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_are_three_numbers_above_0() {
+        let model: Model = "2, 0.0001,16".parse().expect("a model");
+        assert_eq!(model, Model { mray_per_s: 2.0, latency_s: 0.0001, gb_per_s: 16.0 });
+        assert!((model.ray_ns() - 500.0).abs() < 1e-6, "the kernel is the slowest stage");
+        for bad in ["", "2,1", "2,x,1,3", "2,1,3,4", "0,1,1", "1,-1,1", "1,1,inf", "1,1,NaN"] {
+            assert_eq!(bad.parse::<Model>(), Err(NoModel(bad.to_owned())));
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 mod socket;
 
-use crate::contract::{LiveScene, Problem};
+use crate::contract::{LiveScene, Problem, is_sha256};
 use crate::http::state::State;
 use crate::live::{LiveLimits, LiveViews, TileWorkers, ViewScene};
 use axum::extract::rejection::QueryRejection;
@@ -68,8 +68,7 @@ fn view_scene(state: &State, scene: Option<String>) -> Result<ViewScene, Problem
     let (path, folder) = match (&scene, state.own_scene()) {
         (Some(sha256), _) => {
             // The name becomes a folder's.
-            let is_hash = sha256.len() == 64 && sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
-            if !is_hash || state.ledger().scene(sha256)?.is_none() {
+            if !is_sha256(sha256) || state.ledger().scene(sha256)?.is_none() {
                 return Err(Problem::missing("such scene; upload it first"));
             }
             (state.store().entry(sha256, None)?, state.store().scene_folder(sha256))
