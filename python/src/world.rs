@@ -1,0 +1,126 @@
+//! The class `World`.
+
+use crate::arrays::{integers, numbers};
+use crate::interim::Target;
+use crate::mesh::Mesh;
+use crate::queries::Queries;
+use numpy::PyUntypedArrayMethods;
+use glam::DMat4;
+use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::prelude::*;
+use raystream_rays::query;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Meshes at many places, which answer questions about rays together. A mesh is stored once, however many instances of
+/// it there are; `instance` of an answer is the number that `add` returned.
+///
+/// >>> import numpy as np, raystream as rs
+/// >>> world, mesh = rs.World(), rs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+/// >>> ids = [world.add(mesh), world.add(mesh)]
+/// >>> moved = np.eye(4)
+/// >>> moved[2, 3] = 1.5
+/// >>> world.set_transforms(ids[1], moved)
+/// >>> hits = world.cast([0.25, 0.5, 2, 0, 0, -1], want="t instance")
+/// >>> float(hits.t), int(hits.instance)
+/// (0.5, 1)
+#[pyclass(module = "raystream", extends = Queries, frozen, weakref)]
+#[derive(Debug)]
+pub struct World {
+    instances: Mutex<Vec<Instance>>,
+}
+
+/// A mesh at a place.
+#[derive(Debug)]
+struct Instance {
+    mesh: Py<Mesh>,
+    transform: DMat4,
+}
+
+impl World {
+    fn locked(&self) -> MutexGuard<'_, Vec<Instance>> {
+        self.instances.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Makes the tree over the instances.
+    fn rebuild(slf: &Bound<'_, Self>) -> PyResult<()> {
+        let py = slf.py();
+        let instance = |instance: &Instance| Ok((Mesh::query(instance.mesh.bind(py))?, instance.transform));
+        let instances = slf.get().locked().iter().map(instance).collect::<PyResult<Vec<_>>>()?;
+        let world = query::World::build(&instances).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        slf.as_super().get().change(|target| *target = Target::World(world))
+    }
+}
+
+#[pymethods]
+impl World {
+    #[new]
+    fn new() -> PyResult<PyClassInitializer<Self>> {
+        let nothing: [(query::Mesh, DMat4); 0] = [];
+        let world = query::World::build(&nothing).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(PyClassInitializer::from(Queries::of(Target::World(world))).add_subclass(Self { instances: Mutex::default() }))
+    }
+
+    /// Adds an instance of a mesh, moved by `transform`, `(4, 4)` or `(3, 4)`, the identity by default. Returns its number.
+    #[pyo3(signature = (mesh, transform=None))]
+    fn add(slf: &Bound<'_, Self>, mesh: &Bound<'_, Mesh>, transform: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
+        let transform = match transform {
+            Some(transform) => transforms(transform)?.first().copied().unwrap_or(DMat4::IDENTITY),
+            None => DMat4::IDENTITY,
+        };
+        let number = slf.get().locked().len();
+        slf.get().locked().push(Instance { mesh: mesh.clone().unbind(), transform });
+        Self::rebuild(slf).inspect_err(|_| drop(slf.get().locked().pop()))?;
+        Ok(number)
+    }
+
+    /// Moves instances: `ids` is a number or `(k,)` of them, `transforms` `(4, 4)` or `(k, 4, 4)`.
+    fn set_transforms(slf: &Bound<'_, Self>, ids: &Bound<'_, PyAny>, transforms: &Bound<'_, PyAny>) -> PyResult<()> {
+        let (ids, transforms) = (integers(ids, "ids")?, self::transforms(transforms)?);
+        let ids = ids.as_slice()?;
+        if ids.len() != transforms.len() {
+            let (found, expected) = (transforms.len(), ids.len());
+            return Err(PyValueError::new_err(format!("{found} transforms for {expected} instances")));
+        }
+        {
+            let mut instances = slf.get().locked();
+            for (&id, &transform) in ids.iter().zip(&transforms) {
+                let instance = usize::try_from(id).ok().and_then(|id| instances.get_mut(id));
+                instance.ok_or_else(|| PyIndexError::new_err(format!("there is no instance {id}")))?.transform = transform;
+            }
+        }
+        Self::rebuild(slf)
+    }
+
+    fn __len__(&self) -> usize {
+        self.locked().len()
+    }
+
+    fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Py<Self>> {
+        let py = slf.py();
+        let copy = |instance: &Instance| Instance { mesh: instance.mesh.clone_ref(py), transform: instance.transform };
+        let instances = slf.get().locked().iter().map(copy).collect();
+        let queries = Queries::of(slf.as_super().get().target()?);
+        Py::new(py, PyClassInitializer::from(queries).add_subclass(Self { instances: Mutex::new(instances) }))
+    }
+
+    fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Py<Self>> {
+        Self::__copy__(slf)
+    }
+}
+
+/// Matrices `(4, 4)` or `(3, 4)`, one or several.
+fn transforms(given: &Bound<'_, PyAny>) -> PyResult<Vec<DMat4>> {
+    let given = numbers::<f64>(given, "transform")?;
+    let rows = match *given.shape() {
+        [rows, 4] | [_, rows, 4] if rows == 3 || rows == 4 => rows,
+        ref shape => {
+            return Err(PyValueError::new_err(format!("transforms have the shape {shape:?}; it must be (.., 4, 4)")));
+        }
+    };
+    let matrix = |given: &[[f64; 4]]| {
+        let mut rows = DMat4::IDENTITY.to_cols_array_2d();
+        rows[..given.len()].copy_from_slice(given);
+        DMat4::from_cols_array_2d(&rows).transpose()
+    };
+    Ok(given.as_slice()?.as_chunks().0.chunks(rows).map(matrix).collect())
+}
