@@ -1,291 +1,262 @@
-//! The questions that a mesh and a world answer alike: arguments in, arrays out.
+//! Questions: arguments in, arrays out.
 
 use crate::answers::Hits;
-use crate::arrays::{array, check_memory, leading, numbers};
-use crate::columns::{Column, OF_HITS, OF_POINTS, Out, Want, single};
-use crate::interim::{HitColumns, PointColumns, Target, rows};
-use crate::rays::{Rays, rows_of};
+use crate::arrays::{array, check_memory, reserved};
+use crate::columns::{OF_HITS, OF_LISTS, OF_POINTS, Number, Out, Want, single};
+use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
+use crate::rays::{Floats, Rays, part_of, rays_of};
 use crate::threads::{FEW, Threads};
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use raystream_rays::query::WorldHit;
-use std::ops::Range;
+use raystream_rays::query::{self, HitLists, Points, RayQueries, Rule, WorldHit};
 
-type Argument<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
-
-/// The most points of a call that stay on the calling thread.
-const FEW_POINTS: usize = 64;
+/// An argument that may be left out.
+pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
 /// Arguments that all calls with rays have.
-pub struct Arguments<'a, 'py> {
+pub struct RayCall<'a, 'py> {
     pub rays: Rays<'py>,
-    pub out: Argument<'a, 'py>,
+    pub rule: Rule,
+    pub out: Given<'a, 'py>,
     pub threads: Option<usize>,
 }
 
-impl Arguments<'_, '_> {
-    fn threads(&self) -> PyResult<Threads> {
-        Threads::new(self.threads, self.rays.len(), FEW)
+/// Arguments that all calls with points have.
+pub struct PointCall<'a, 'py> {
+    pub points: Floats<'py>,
+    pub out: Given<'a, 'py>,
+    pub threads: Option<usize>,
+}
+
+/// Reads the argument `rule`.
+///
+/// # Errors
+/// For an unknown name.
+pub fn rule(name: &str) -> PyResult<Rule> {
+    match name {
+        "closed" => Ok(Rule::Closed),
+        "half-open" => Ok(Rule::HalfOpen),
+        _ => Err(PyValueError::new_err(format!("rule is {name:?}; it must be \"closed\" or \"half-open\""))),
     }
 }
 
-fn floats<'a>(column: &'a mut Option<Column<'_, f32>>) -> PyResult<Option<&'a mut [f32]>> {
-    column.as_mut().map(Column::slice_mut).transpose()
-}
+/// What is asked: a mesh or a world.
+pub type Asked<'a> = &'a (dyn RayQueries + Sync);
 
-fn ids<'a>(column: &'a mut Option<Column<'_, i32>>) -> PyResult<Option<&'a mut [u32]>> {
-    Ok(column.as_mut().map(Column::slice_mut).transpose()?.map(bytemuck::cast_slice_mut))
-}
-
-/// Columns of first hits, in memory of this call or of the caller.
-struct HitMemory<'py> {
-    t: Option<Column<'py, f32>>,
-    primitive: Option<Column<'py, i32>>,
-    instance: Option<Column<'py, i32>>,
-    uv: Option<Column<'py, f32>>,
-    normal: Option<Column<'py, f32>>,
-    position: Option<Column<'py, f32>>,
-}
-
-impl<'py> HitMemory<'py> {
-    fn new(want: &Want<'_>, out: Option<&Out<'py>>, leading: &[usize]) -> PyResult<Self> {
-        let floats = |name, each| want.has(name).then(|| Column::new(out, name, leading, each)).transpose();
-        let ids = |name| want.has(name).then(|| Column::new(out, name, leading, 1)).transpose();
-        Ok(Self {
-            t: floats("t", 1)?,
-            primitive: ids("primitive")?,
-            instance: ids("instance")?,
-            uv: floats("uv", 2)?,
-            normal: floats("normal", 3)?,
-            position: floats("position", 3)?,
-        })
-    }
-
-    fn columns(&mut self) -> PyResult<HitColumns<'_>> {
-        Ok(HitColumns {
-            t: floats(&mut self.t)?,
-            primitive: ids(&mut self.primitive)?,
-            instance: ids(&mut self.instance)?,
-            uv: floats(&mut self.uv)?.map(rows),
-            normal: floats(&mut self.normal)?.map(rows),
-            position: floats(&mut self.position)?.map(rows),
-        })
-    }
-
-    fn into_hits(self, py: Python<'py>, leading: &[usize]) -> PyResult<Hits> {
-        let mut columns = Vec::new();
-        let mut add = |name, array: Option<PyResult<Bound<'py, PyAny>>>| -> PyResult<()> {
-            columns.extend(array.transpose()?.map(|array| (name, array)));
+impl<'py> RayCall<'_, 'py> {
+    /// The first hits of rays.
+    ///
+    /// # Errors
+    /// For wrong arguments, too little memory, and interrupts; so, too, below.
+    pub fn cast(&self, py: Python<'py>, asked: Asked<'_>, want: Want, mesh: OfMesh<'_>) -> PyResult<Hits> {
+        let (rays, rule) = (&self.rays, self.rule);
+        want.check_memory(rays.len())?;
+        let out = self.out.map(Out::new).transpose()?;
+        let mut memory = HitMemory::new(&want, out.as_ref(), rays.leading())?;
+        let (mut columns, all) = (memory.columns(mesh)?, rays.all()?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+            let mut columns = first_hits(&mut columns, block.len());
+            asked.cast(&rays_of(&all, block), rule, &mut columns);
             Ok(())
-        };
-        add("t", self.t.map(|column| column.into_array(py, leading, 1)))?;
-        add("primitive", self.primitive.map(|column| column.into_array(py, leading, 1)))?;
-        add("instance", self.instance.map(|column| column.into_array(py, leading, 1)))?;
-        add("uv", self.uv.map(|column| column.into_array(py, leading, 2)))?;
-        add("normal", self.normal.map(|column| column.into_array(py, leading, 3)))?;
-        add("position", self.position.map(|column| column.into_array(py, leading, 3)))?;
-        Ok(Hits::of(columns))
+        })?;
+        memory.into_hits(py, rays.leading())
+    }
+
+    /// One number of each ray, in blocks.
+    fn each<T: Number>(
+        &self,
+        py: Python<'py>,
+        ask: impl Fn(&query::Rays<'_>, Rule, &mut [T]) + Sync + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (rays, rule) = (&self.rays, self.rule);
+        check_memory("an answer", rays.len(), size_of::<T>())?;
+        let mut answer = single::<T>(self.out, rays.leading())?;
+        let (column, all) = (answer.slice_mut()?, rays.all()?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+            ask(&rays_of(&all, block.clone()), rule, &mut column[block]);
+            Ok(())
+        })?;
+        answer.into_array(py, rays.leading(), 1)
+    }
+
+    /// For each ray, true if it hits anything.
+    pub fn occluded(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers| asked.cast_occluded(rays, rule, answers))
+    }
+
+    /// For each ray, true if it hits nothing.
+    pub fn free(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers: &mut [bool]| {
+            asked.cast_occluded(rays, rule, answers);
+            answers.iter_mut().for_each(|answer| *answer = !*answer);
+        })
+    }
+
+    /// The number of hits of each ray.
+    pub fn count(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, counts: &mut [i32]| {
+            asked.count_hits(rays, rule, bytemuck::cast_slice_mut(counts));
+        })
+    }
+
+    /// For each ray, true if it has at least so many hits.
+    pub fn at_least(&self, py: Python<'py>, asked: Asked<'_>, count: u32) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers| asked.at_least(count, rays, rule, answers))
+    }
+
+    /// Sums of a number of each triangle over the hits of rays.
+    pub fn sum_along(
+        &self,
+        py: Python<'py>,
+        asked: Asked<'_>,
+        of_triangles: &[f32],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, sums| asked.sum_along(of_triangles, rays, rule, sums))
+    }
+
+    /// All hits of rays, or so many of the nearest.
+    pub fn all_hits(
+        &self,
+        py: Python<'py>,
+        asked: Asked<'_>,
+        want: Want,
+        most: Option<usize>,
+    ) -> PyResult<Hits> {
+        let (rays, rule, most) = (&self.rays, self.rule, most.unwrap_or(usize::MAX));
+        check_memory("an answer", rays.len(), size_of::<i64>())?;
+        let (all, mut lists) = (rays.all()?, Lists::new(want, rays.len())?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+            let first = block.start;
+            let found = asked.list_hits(&rays_of(&all, block), rule, most);
+            lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)
+        })?;
+        lists.into_hits(py)
     }
 }
 
-/// The first hits of rays.
-pub fn cast<'py>(
-    py: Python<'py>,
-    target: &Target,
-    arguments: &Arguments<'_, 'py>,
-    want: &Bound<'py, PyAny>,
-) -> PyResult<Hits> {
-    let (rays, want) = (&arguments.rays, Want::new(want, &OF_HITS)?);
-    want.check_memory(rays.len())?;
-    let out = arguments.out.map(Out::new).transpose()?;
-    let mut memory = HitMemory::new(&want, out.as_ref(), rays.leading())?;
-    let (mut columns, all) = (memory.columns()?, rays.part(0..rays.len())?);
-    arguments.threads()?.in_blocks(py, rays.len(), |block| {
-        target.cast(all.part(block.clone()), &mut columns.take(block.len()));
-        Ok(())
-    })?;
-    memory.into_hits(py, rays.leading())
-}
-
-/// For each ray, true if it hits anything.
-pub fn occluded<'py>(
-    py: Python<'py>,
-    target: &Target,
-    arguments: &Arguments<'_, 'py>,
-    negated: bool,
-) -> PyResult<Bound<'py, PyAny>> {
-    let rays = &arguments.rays;
-    check_memory("an answer", rays.len(), 1)?;
-    let mut answer = single::<bool>(arguments.out, rays.leading())?;
-    let (column, all) = (answer.slice_mut()?, rays.part(0..rays.len())?);
-    arguments.threads()?.in_blocks(py, rays.len(), |block| {
-        let column = &mut column[block.clone()];
-        target.occluded(all.part(block), column);
-        if negated {
-            column.iter_mut().for_each(|answer| *answer = !*answer);
-        }
-        Ok(())
-    })?;
-    answer.into_array(py, rays.leading(), 1)
-}
-
-/// The number of hits of each ray.
-pub fn count<'py>(
-    py: Python<'py>,
-    target: &Target,
-    arguments: &Arguments<'_, 'py>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let rays = &arguments.rays;
-    check_memory("an answer", rays.len(), 4)?;
-    let mut answer = single::<i32>(arguments.out, rays.leading())?;
-    let (column, all) = (answer.slice_mut()?, rays.part(0..rays.len())?);
-    arguments.threads()?.in_blocks(py, rays.len(), |block| {
-        let (_, ranges) = target.all_hits(all.part(block.clone()));
-        let counts = ranges.iter().map(|range| i32::try_from(range.len()).unwrap_or(i32::MAX));
-        column[block].iter_mut().zip(counts).for_each(|(answer, count)| *answer = count);
-        Ok(())
-    })?;
-    answer.into_array(py, rays.leading(), 1)
-}
-
-/// All hits of all rays, one after the other.
-#[derive(Default)]
-struct AllHits {
+/// All hits of all rays, as columns.
+struct Lists {
+    want: Want,
     offsets: Vec<i64>,
-    rays: Vec<i64>,
-    hits: Vec<WorldHit>,
+    ray: Vec<i64>,
+    t: Vec<f32>,
+    primitive: Vec<i32>,
+    instance: Vec<i32>,
+    uv: Vec<f32>,
 }
 
-impl AllHits {
-    /// Adds those of a block of rays.
-    fn add(&mut self, block: Range<usize>, found: (Vec<WorldHit>, Vec<Range<usize>>), most: usize) -> PyResult<()> {
-        let (hits, ranges) = found;
-        check_memory("the list of hits", self.hits.len() + hits.len(), size_of::<WorldHit>() + 8)?;
-        for (ray, range) in block.zip(ranges) {
-            let hits = &hits[range.start..range.end.min(range.start.saturating_add(most))];
-            self.hits.extend_from_slice(hits);
-            self.rays.extend(std::iter::repeat_n(ray as i64, hits.len()));
-            self.offsets.push(self.hits.len() as i64);
+impl Lists {
+    fn new(want: Want, rays: usize) -> PyResult<Self> {
+        let mut offsets = reserved(rays + 1)?;
+        offsets.push(0);
+        let (ray, t, primitive, instance, uv) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { want, offsets, ray, t, primitive, instance, uv })
+    }
+
+    /// Adds the hits of a block of rays.
+    fn add(&mut self, first: usize, found: &HitLists) -> PyResult<()> {
+        let (before, hits) = (self.ray.len(), &found.hits);
+        let bytes = self.want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
+        check_memory("the list of hits", before + hits.len(), bytes)?;
+        self.offsets.extend(found.offsets[1..].iter().map(|&offset| (before + offset) as i64));
+        for (ray, ends) in (first as i64..).zip(found.offsets.windows(2)) {
+            self.ray.extend(std::iter::repeat_n(ray, ends[1] - ends[0]));
+        }
+        fn column<T>(wanted: bool, column: &mut Vec<T>, hits: &[WorldHit], number: impl Fn(&WorldHit) -> T) {
+            if wanted {
+                column.extend(hits.iter().map(number));
+            }
+        }
+        column(self.want.has("t"), &mut self.t, hits, |hit| hit.t);
+        column(self.want.has("primitive"), &mut self.primitive, hits, |hit| hit.primitive.cast_signed());
+        column(self.want.has("instance"), &mut self.instance, hits, |hit| hit.instance.cast_signed());
+        if self.want.has("uv") {
+            self.uv.extend(hits.iter().flat_map(|hit| [hit.u, hit.v]));
         }
         Ok(())
     }
-}
 
-/// All hits of rays, nearest first.
-pub fn all_hits<'py>(
-    py: Python<'py>,
-    target: &Target,
-    arguments: &Arguments<'_, 'py>,
-    want: &Bound<'py, PyAny>,
-    most: Option<usize>,
-) -> PyResult<Hits> {
-    let (rays, want) = (&arguments.rays, Want::new(want, &OF_HITS)?);
-    check_memory("an answer", rays.len(), 8)?;
-    let all = rays.part(0..rays.len())?;
-    let mut found = AllHits { offsets: vec![0], ..AllHits::default() };
-    arguments.threads()?.in_blocks(py, rays.len(), |block| {
-        found.add(block.clone(), target.all_hits(all.part(block)), most.unwrap_or(usize::MAX))
-    })?;
-    let AllHits { offsets, rays: of, hits } = found;
-    let leading = [hits.len()];
-    want.check_memory(hits.len())?;
-    let mut memory = HitMemory::new(&want, None, &leading)?;
-    let mut columns = memory.columns()?;
-    let ray_of: Vec<_> = of.iter().map(|&ray| all.get(ray as usize)).collect();
-    columns.write(target, &ray_of, &hits);
-    let answer = memory.into_hits(py, &leading)?;
-    let offsets = array(py, offsets, &[rays.len() + 1], 1)?;
-    let of = array(py, of, &leading, 1)?;
-    Ok(answer.with(vec![("offsets", offsets), ("ray", of)]))
-}
-
-/// Points of the surface nearest to points.
-pub fn nearest<'py>(
-    py: Python<'py>,
-    target: &Target,
-    points: &Bound<'py, PyAny>,
-    max_distance: f32,
-    want: &Bound<'py, PyAny>,
-    out: Argument<'_, 'py>,
-    threads: Option<usize>,
-) -> PyResult<Hits> {
-    let (points, want) = (numbers::<f32>(points, "points")?, Want::new(want, &OF_POINTS)?);
-    let leading = leading(&points, 3, "points")?;
-    let points = rows_of(&points)?;
-    want.check_memory(points.len())?;
-    let out = out.map(Out::new).transpose()?;
-    let mut memory = PointMemory::new(&want, out.as_ref(), &leading)?;
-    let mut columns = memory.columns()?;
-    Threads::new(threads, points.len(), FEW_POINTS)?.in_blocks(py, points.len(), |block| {
-        target.nearest(&points[block.clone()], max_distance, &mut columns.take(block.len()));
-        Ok(())
-    })?;
-    memory.into_hits(py, &leading)
-}
-
-/// Distances of points from the surface.
-pub fn distance<'py>(
-    py: Python<'py>,
-    target: &Target,
-    points: &Bound<'py, PyAny>,
-    out: Argument<'_, 'py>,
-    threads: Option<usize>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let points = numbers::<f32>(points, "points")?;
-    let leading = leading(&points, 3, "points")?;
-    let points = rows_of(&points)?;
-    check_memory("an answer", points.len(), 4)?;
-    let mut answer = single::<f32>(out, &leading)?;
-    let column = answer.slice_mut()?;
-    Threads::new(threads, points.len(), FEW_POINTS)?.in_blocks(py, points.len(), |block| {
-        let mut columns = PointColumns { distance: Some(&mut column[block.clone()]), ..PointColumns::default() };
-        target.nearest(&points[block], f32::INFINITY, &mut columns);
-        Ok(())
-    })?;
-    answer.into_array(py, &leading, 1)
-}
-
-/// Columns of nearest points.
-struct PointMemory<'py> {
-    distance: Option<Column<'py, f32>>,
-    position: Option<Column<'py, f32>>,
-    primitive: Option<Column<'py, i32>>,
-    uv: Option<Column<'py, f32>>,
-    normal: Option<Column<'py, f32>>,
-}
-
-impl<'py> PointMemory<'py> {
-    fn new(want: &Want<'_>, out: Option<&Out<'py>>, leading: &[usize]) -> PyResult<Self> {
-        let floats = |name, each| want.has(name).then(|| Column::new(out, name, leading, each)).transpose();
-        Ok(Self {
-            distance: floats("distance", 1)?,
-            position: floats("position", 3)?,
-            primitive: want.has("primitive").then(|| Column::new(out, "primitive", leading, 1)).transpose()?,
-            uv: floats("uv", 2)?,
-            normal: floats("normal", 3)?,
-        })
-    }
-
-    fn columns(&mut self) -> PyResult<PointColumns<'_>> {
-        Ok(PointColumns {
-            distance: floats(&mut self.distance)?,
-            position: floats(&mut self.position)?.map(rows),
-            primitive: ids(&mut self.primitive)?,
-            uv: floats(&mut self.uv)?.map(rows),
-            normal: floats(&mut self.normal)?.map(rows),
-        })
-    }
-
-    fn into_hits(self, py: Python<'py>, leading: &[usize]) -> PyResult<Hits> {
-        let mut columns = Vec::new();
-        let mut add = |name, array: Option<PyResult<Bound<'py, PyAny>>>| -> PyResult<()> {
-            columns.extend(array.transpose()?.map(|array| (name, array)));
-            Ok(())
-        };
-        add("distance", self.distance.map(|column| column.into_array(py, leading, 1)))?;
-        add("position", self.position.map(|column| column.into_array(py, leading, 3)))?;
-        add("primitive", self.primitive.map(|column| column.into_array(py, leading, 1)))?;
-        add("uv", self.uv.map(|column| column.into_array(py, leading, 2)))?;
-        add("normal", self.normal.map(|column| column.into_array(py, leading, 3)))?;
+    fn into_hits(self, py: Python<'_>) -> PyResult<Hits> {
+        let (want, hits, rays) = (self.want, [self.ray.len()], [self.offsets.len()]);
+        let mut columns = vec![("offsets", array(py, self.offsets, &rays, 1)?), ("ray", array(py, self.ray, &hits, 1)?)];
+        if want.has("t") {
+            columns.push(("t", array(py, self.t, &hits, 1)?));
+        }
+        if want.has("primitive") {
+            columns.push(("primitive", array(py, self.primitive, &hits, 1)?));
+        }
+        if want.has("instance") {
+            columns.push(("instance", array(py, self.instance, &hits, 1)?));
+        }
+        if want.has("uv") {
+            columns.push(("uv", array(py, self.uv, &hits, 2)?));
+        }
         Ok(Hits::of(columns))
     }
+}
+
+impl<'a, 'py> PointCall<'a, 'py> {
+    /// Reads the points.
+    ///
+    /// # Errors
+    /// For other shapes.
+    pub fn new(points: &Bound<'py, PyAny>, out: Given<'a, 'py>, threads: Option<usize>) -> PyResult<Self> {
+        Ok(Self { points: Floats::new(points, 3, "points")?, out, threads })
+    }
+
+    /// Points of the surface nearest to points.
+    pub fn nearest(&self, py: Python<'py>, asked: Asked<'_>, most: f32, want: Want) -> PyResult<Hits> {
+        let (leading, points) = (self.points.leading(3, "points")?, self.points.points()?);
+        want.check_memory(points.len())?;
+        let out = self.out.map(Out::new).transpose()?;
+        let mut memory = PointMemory::new(&want, out.as_ref(), &leading)?;
+        let mut columns = memory.columns()?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(py, points.len(), |block| {
+            let mut columns = first_points(&mut columns, block.len());
+            asked.nearest_points(&part_of(&points, block), most, &mut columns);
+            Ok(())
+        })?;
+        memory.into_hits(py, &leading)
+    }
+
+    /// One number of each point, in blocks.
+    pub fn each<T: Number>(
+        &self,
+        py: Python<'py>,
+        ask: impl Fn(&Points<'_>, &mut [T]) + Sync + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (leading, points) = (self.points.leading(3, "points")?, self.points.points()?);
+        check_memory("an answer", points.len(), size_of::<T>())?;
+        let mut answer = single::<T>(self.out, &leading)?;
+        let column = answer.slice_mut()?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(py, points.len(), |block| {
+            ask(&part_of(&points, block.clone()), &mut column[block]);
+            Ok(())
+        })?;
+        answer.into_array(py, &leading, 1)
+    }
+}
+
+/// The columns of first hits that an argument names, by default t and primitive.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_hits(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_HITS, &["t", "primitive"])
+}
+
+/// The columns of listed hits that an argument names, by default t and primitive.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_lists(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_LISTS, &["t", "primitive"])
+}
+
+/// The columns of nearest points that an argument names, by default distance, position, primitive and uv.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_points(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_POINTS, &["distance", "position", "primitive", "uv"])
 }

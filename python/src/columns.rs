@@ -11,27 +11,39 @@ pub trait Number: Named + Copy + Default + Send + Sync {}
 
 impl<T: Named + Copy + Default + Send + Sync> Number for T {}
 
-/// Names of columns with the bytes of each answer.
-pub const OF_HITS: [(&str, usize); 6] =
-    [("t", 4), ("primitive", 4), ("instance", 4), ("uv", 8), ("normal", 12), ("position", 12)];
+/// Columns of hits, with the bytes of each answer.
+pub const OF_HITS: &[(&str, usize)] = &[
+    ("t", 4),
+    ("primitive", 4),
+    ("instance", 4),
+    ("uv", 8),
+    ("normal", 12),
+    ("shading_normal", 12),
+    ("position", 12),
+    ("position64", 24),
+    ("attribute", 4),
+];
 
-/// Names of the columns of nearest points.
-pub const OF_POINTS: [(&str, usize); 6] =
-    [("distance", 4), ("position", 12), ("primitive", 4), ("instance", 4), ("uv", 8), ("normal", 12)];
+/// Columns of listed hits: what a list says of each.
+pub const OF_LISTS: &[(&str, usize)] = &[("t", 4), ("primitive", 4), ("instance", 4), ("uv", 8)];
+
+/// Columns of nearest points.
+pub const OF_POINTS: &[(&str, usize)] =
+    &[("distance", 4), ("position", 12), ("position64", 24), ("primitive", 4), ("instance", 4), ("uv", 8)];
 
 /// The columns that a call asks for.
 #[derive(Clone, Copy, Debug)]
-pub struct Want<'a> {
-    known: &'a [(&'static str, usize)],
+pub struct Want {
+    known: &'static [(&'static str, usize)],
     chosen: u32,
 }
 
-impl<'a> Want<'a> {
+impl Want {
     /// Reads an argument: names in one string, or a sequence of names.
     ///
     /// # Errors
     /// For a name that is not among `known`.
-    pub fn new(want: &Bound<'_, PyAny>, known: &'a [(&'static str, usize)]) -> PyResult<Self> {
+    pub fn new(want: &Bound<'_, PyAny>, known: &'static [(&'static str, usize)]) -> PyResult<Self> {
         let mut chosen = 0;
         let mut choose = |name: &str| match known.iter().position(|(known, _)| *known == name) {
             Some(index) => {
@@ -53,14 +65,31 @@ impl<'a> Want<'a> {
         Ok(Self { known, chosen })
     }
 
+    /// As [`Want::new`], or by default these names.
+    ///
+    /// # Errors
+    /// For a name that is not among `known`.
+    pub fn or(
+        want: Option<&Bound<'_, PyAny>>,
+        known: &'static [(&'static str, usize)],
+        usual: &[&str],
+    ) -> PyResult<Self> {
+        if let Some(want) = want {
+            return Self::new(want, known);
+        }
+        let indices = known.iter().enumerate().filter(|(_, (name, _))| usual.contains(name));
+        Ok(Self { known, chosen: indices.fold(0, |chosen, (index, _)| chosen | 1 << index) })
+    }
+
     /// True if the call asks for a column.
     pub fn has(&self, name: &str) -> bool {
         self.known.iter().position(|(known, _)| *known == name).is_some_and(|index| self.chosen >> index & 1 == 1)
     }
 
     /// Names of the columns asked for, with their bytes.
-    pub fn names(&self) -> impl Iterator<Item = (&'static str, usize)> + '_ {
-        self.known.iter().enumerate().filter(|(index, _)| self.chosen >> index & 1 == 1).map(|(_, known)| *known)
+    pub fn names(&self) -> impl Iterator<Item = (&'static str, usize)> {
+        let Self { known, chosen } = *self;
+        known.iter().enumerate().filter(move |(index, _)| chosen >> index & 1 == 1).map(|(_, known)| *known)
     }
 
     /// Checks that the columns of as many answers fit in memory.

@@ -6,19 +6,21 @@
 //! |---|---|
 //! | `arrays` | arguments as contiguous numbers, answers as arrays, memory |
 //! | `rays` | rays of a call |
-//! | `columns`, `answers` | the columns of an answer |
+//! | `columns`, `memory`, `answers` | the columns of an answer |
 //! | `calls` | questions: arguments in, answers out |
 //! | `queries`, `mesh`, `world` | classes |
+//! | `target` | a mesh or a world at the time of a call |
 //! | `threads` | threads of this process, forks, interrupts |
 
 mod answers;
 mod arrays;
 mod calls;
 mod columns;
-mod interim;
+mod memory;
 mod mesh;
 mod queries;
 mod rays;
+mod target;
 mod threads;
 mod world;
 

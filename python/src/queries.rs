@@ -1,21 +1,22 @@
 //! The class `Queries`: what meshes and worlds answer.
 
 use crate::answers::Hits;
-use crate::calls::{self, Arguments};
-use crate::interim::Target;
+use crate::arrays::numbers;
+use crate::calls::{self, Given, PointCall, RayCall};
 use crate::rays::Rays;
+use crate::target::Target;
 use pyo3::exceptions::PyRuntimeError;
-use pyo3::intern;
 use pyo3::prelude::*;
+use raystream_rays::query::NearestColumns;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Questions about rays and points, which meshes and worlds answer.
 ///
-/// **A miss** has `t` = +inf, `primitive` and `instance` = -1, `position` NaN, and 0 in other columns. Arrays may have any
-/// leading shape, which the answer has, too; float32 arrays that are contiguous are not copied, others are converted;
-/// everything that speaks DLPack is taken. `threads` is the number of threads, by default one for each processor; small
-/// calls stay on the calling thread. Answers are the same bytes for any number of threads. The interpreter's lock is
-/// released, and Ctrl-C ends a long call.
+/// **A miss** has `t` = +inf, `primitive` and `instance` = -1, NaN in `position` and `attribute`, and 0 in other columns.
+/// Arrays may have any leading shape, which the answer has, too. float32 arrays that are contiguous are not copied;
+/// float64 ones are traced relative to the mesh's middle; whatever speaks DLPack is taken. `threads` is the number of
+/// threads, by default one for each processor; small calls stay on the calling thread. Answers are the same bytes for any
+/// number of threads. The interpreter's lock is released, and Ctrl-C ends a long call.
 #[pyclass(module = "raystream", frozen, subclass, weakref)]
 #[derive(Debug)]
 pub struct Queries {
@@ -60,131 +61,211 @@ impl Queries {
 
 #[pymethods]
 impl Queries {
-    /// The first hits of rays.
+    /// The first hits of rays: an answer with the columns of `want`, by default "t primitive".
     ///
-    /// `rays` are `(.., 6)`, origins and directions side by side, or origins `(.., 3)` with `directions` of a shape that
-    /// broadcasts with theirs. Directions need not have length 1: **t counts lengths of the direction**. Hits count from
-    /// `t_min` to `t_max`, both included, numbers or an array for the rays. `want` names the columns to compute: t,
-    /// primitive, instance, uv, normal, position. `out` has arrays to write to, by column. A ray with NaN misses; with
-    /// `check=True` such rays are an error that counts them.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, out=None, threads=None, check=false))]
+    /// `rays` are `(.., 6)`, origins and directions side by side, or origins `(.., 3)` with `directions`, whose shapes
+    /// broadcast. **t counts lengths of the direction**, which need not be 1. Hits count from `t_min` to `t_max`, both
+    /// included: numbers, or an array for the rays.
+    ///
+    /// `want` names what is computed, and nothing else is: t, primitive (the row of `faces`), instance, uv (weights of the
+    /// second and third corner), normal (geometric, of length 1, on the side from which corners are seen counterclockwise),
+    /// shading_normal (interpolated between the mesh's `normals`), position, position64, attribute. `out` has arrays to write
+    /// to by the names of columns, or is an earlier answer.
+    ///
+    /// With `rule="closed"` edges and corners belong to all their triangles: no ray slips through, of equally near triangles
+    /// the first is hit. With "half-open" it is the one that a ray moved by an infinitesimal amount would hit, so its side is
+    /// right at silhouettes, too. **A ray that touches a mesh may hit by "closed" where `count` says 0.**
+    ///
+    /// A ray with NaN or a direction of zero misses; with `check=True` ValueError counts such rays.
+    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, rule="closed", out=None, threads=None, check=false))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn cast<'py>(
         &self,
         py: Python<'py>,
         rays: &Bound<'py, PyAny>,
-        directions: Option<&Bound<'py, PyAny>>,
-        t_min: Option<&Bound<'py, PyAny>>,
-        t_max: Option<&Bound<'py, PyAny>>,
-        want: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        want: Given<'_, 'py>,
+        rule: &str,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
         check: bool,
     ) -> PyResult<Hits> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
-        let want = want.cloned().unwrap_or_else(|| intern!(py, "t primitive").clone().into_any());
-        calls::cast(py, &self.target()?, &Arguments { rays, out, threads }, &want)
+        let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
+        let (want, target) = (calls::of_hits(want)?, self.target()?);
+        call.cast(py, target.asked(), want, target.of_mesh(&want)?)
     }
 
-    /// For each ray, True if it hits anything: a bool array in the shape of the rays. Faster than `cast`.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, out=None, threads=None, check=false))]
+    /// For each ray, True if it hits anything: a bool array in the shape of the rays. Faster than `cast`, whose arguments it
+    /// has. `out` is a bool array to write to.
+    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, rule="closed", out=None, threads=None, check=false))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn occluded<'py>(
         &self,
         py: Python<'py>,
         rays: &Bound<'py, PyAny>,
-        directions: Option<&Bound<'py, PyAny>>,
-        t_min: Option<&Bound<'py, PyAny>>,
-        t_max: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        rule: &str,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
         check: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
-        calls::occluded(py, &self.target()?, &Arguments { rays, out, threads }, false)
+        let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
+        call.occluded(py, self.target()?.asked())
     }
 
     /// For each pair of points, True if nothing lies between them: `a` and `b` are `(.., 3)`, of shapes that broadcast.
-    /// The points themselves do not count, so points on a surface see each other unless something else is between.
-    #[pyo3(signature = (a, b, *, out=None, threads=None))]
+    /// **The ends do not count**, so points on a surface see each other unless something else is between.
+    #[pyo3(signature = (a, b, *, rule="closed", out=None, threads=None))]
     fn visible<'py>(
         &self,
         py: Python<'py>,
         a: &Bound<'py, PyAny>,
         b: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
+        rule: &str,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        calls::occluded(py, &self.target()?, &Arguments { rays: Rays::between(a, b)?, out, threads }, true)
+        let call = RayCall { rays: Rays::between(a, b)?, rule: calls::rule(rule)?, out, threads };
+        call.free(py, self.target()?.asked())
     }
 
     /// The number of hits of each ray: an int32 array in the shape of the rays.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, out=None, threads=None, check=false))]
+    ///
+    /// **A ray through an edge or a corner crosses the surface once there, or never and twice where it only touches it**
+    /// (`rule="half-open"`): the parity is right. Hits count where t_min < t <= t_max.
+    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None, check=false))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn count<'py>(
         &self,
         py: Python<'py>,
         rays: &Bound<'py, PyAny>,
-        directions: Option<&Bound<'py, PyAny>>,
-        t_min: Option<&Bound<'py, PyAny>>,
-        t_max: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        rule: &str,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
         check: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
-        calls::count(py, &self.target()?, &Arguments { rays, out, threads })
+        let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
+        call.count(py, self.target()?.asked())
     }
 
-    /// All hits of rays, those of a ray beside each other, nearest first.
+    /// For each ray, True if it has at least `hits` hits. Stops there, so it is faster than `count`.
+    #[pyo3(signature = (hits, rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None, check=false))]
+    #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
+    fn at_least<'py>(
+        &self,
+        py: Python<'py>,
+        hits: u32,
+        rays: &Bound<'py, PyAny>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        rule: &str,
+        out: Given<'_, 'py>,
+        threads: Option<usize>,
+        check: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let rays = Rays::new(rays, directions, t_min, t_max, check)?;
+        let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
+        call.at_least(py, self.target()?.asked(), hits)
+    }
+
+    /// All hits of rays, nearest first, in lists without gaps.
     ///
-    /// The answer has the columns of `want`, one row a hit, and two more: `offsets`, int64, one longer than the rays:
-    /// those of ray i (in C order) are rows `offsets[i]` to `offsets[i + 1]`; and `ray`, the ray of each row. `max_hits`
-    /// keeps the nearest so many of each ray.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, max_hits=None, threads=None, check=false))]
+    /// The answer has a row for each hit, in the columns of `want` (t, primitive, instance, uv), and two columns more:
+    /// `offsets`, int64, one longer than the rays: the hits of ray i (in C order) are rows `offsets[i]` to `offsets[i + 1]`;
+    /// and `ray`, int64, the ray of each row. `max_hits` keeps the nearest so many of each ray. Arguments and rule are those
+    /// of `count`.
+    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, max_hits=None, rule="half-open", threads=None, check=false))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn all_hits<'py>(
         &self,
         py: Python<'py>,
         rays: &Bound<'py, PyAny>,
-        directions: Option<&Bound<'py, PyAny>>,
-        t_min: Option<&Bound<'py, PyAny>>,
-        t_max: Option<&Bound<'py, PyAny>>,
-        want: Option<&Bound<'py, PyAny>>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        want: Given<'_, 'py>,
         max_hits: Option<usize>,
+        rule: &str,
         threads: Option<usize>,
         check: bool,
     ) -> PyResult<Hits> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
-        let want = want.cloned().unwrap_or_else(|| intern!(py, "t primitive").clone().into_any());
-        calls::all_hits(py, &self.target()?, &Arguments { rays, out: None, threads }, &want, max_hits)
+        let call = RayCall { rays, rule: calls::rule(rule)?, out: None, threads };
+        call.all_hits(py, self.target()?.asked(), calls::of_lists(want)?, max_hits)
+    }
+
+    /// The sum of a number of each triangle over all hits of each ray, float32: the exact sum, rounded once.
+    ///
+    /// `attribute` is `(f,)`, a number for each triangle; a world takes those of one instance after the other. Without it a
+    /// mesh uses its own.
+    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, attribute=None, rule="half-open", out=None, threads=None, check=false))]
+    #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
+    fn sum_along<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &Bound<'py, PyAny>,
+        directions: Given<'_, 'py>,
+        t_min: Given<'_, 'py>,
+        t_max: Given<'_, 'py>,
+        attribute: Given<'_, 'py>,
+        rule: &str,
+        out: Given<'_, 'py>,
+        threads: Option<usize>,
+        check: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let rays = Rays::new(rays, directions, t_min, t_max, check)?;
+        let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
+        let target = self.target()?;
+        let given = attribute.map(|attribute| numbers::<f32>(attribute, "attribute")).transpose()?;
+        let of_triangles = match &given {
+            Some(given) => given.as_slice()?,
+            None => target.attributes()?,
+        };
+        target.check_attributes(of_triangles.len())?;
+        call.sum_along(py, target.asked(), of_triangles)
     }
 
     /// The point of the surface nearest to each point, `(.., 3)`: an answer with the columns of `want` among distance,
-    /// position, primitive, uv, normal. Points farther than `max_distance` are misses; their distance is +inf.
+    /// position, position64, primitive, instance, uv, by default "distance position primitive uv". Of equally near
+    /// triangles the first is taken. Points farther than `max_distance` have none: their distance is +inf.
     #[pyo3(signature = (points, *, max_distance=f32::INFINITY, want=None, out=None, threads=None))]
     fn nearest<'py>(
         &self,
         py: Python<'py>,
         points: &Bound<'py, PyAny>,
         max_distance: f32,
-        want: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
+        want: Given<'_, 'py>,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
     ) -> PyResult<Hits> {
-        let want = want.cloned().unwrap_or_else(|| intern!(py, "distance position primitive uv").clone().into_any());
-        calls::nearest(py, &self.target()?, points, max_distance, &want, out, threads)
+        let want = calls::of_points(want)?;
+        PointCall::new(points, out, threads)?.nearest(py, self.target()?.asked(), max_distance, want)
     }
 
-    /// The distance of each point, `(.., 3)`, from the surface.
+    /// The distance of each point, `(.., 3)`, from the surface: a float32 array in the shape of the points.
     #[pyo3(signature = (points, *, out=None, threads=None))]
     fn distance<'py>(
         &self,
         py: Python<'py>,
         points: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
+        out: Given<'_, 'py>,
         threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        calls::distance(py, &self.target()?, points, out, threads)
+        let target = self.target()?;
+        PointCall::new(points, out, threads)?.each(py, |points, distances| {
+            let mut columns = NearestColumns { distance: Some(distances), ..NearestColumns::default() };
+            target.asked().nearest_points(points, f32::INFINITY, &mut columns);
+        })
     }
 }

@@ -95,6 +95,14 @@ impl Threads {
         Ok(Self { pool })
     }
 
+    /// All threads.
+    ///
+    /// # Errors
+    /// If the system gives none.
+    pub fn all() -> PyResult<Self> {
+        Self::new(None, usize::MAX, 0)
+    }
+
     /// Runs a function with the interpreter released, on these threads.
     pub fn run<T: Send>(&self, py: Python<'_>, function: impl FnOnce() -> T + Send) -> T {
         py.detach(|| match &self.pool {

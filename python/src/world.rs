@@ -1,9 +1,10 @@
 //! The class `World`.
 
 use crate::arrays::{integers, numbers};
-use crate::interim::Target;
 use crate::mesh::Mesh;
 use crate::queries::Queries;
+use crate::target::{Target, WorldTarget};
+use crate::threads::Threads;
 use numpy::PyUntypedArrayMethods;
 use glam::DMat4;
 use pyo3::exceptions::{PyIndexError, PyValueError};
@@ -44,10 +45,17 @@ impl World {
     /// Makes the tree over the instances.
     fn rebuild(slf: &Bound<'_, Self>) -> PyResult<()> {
         let py = slf.py();
-        let instance = |instance: &Instance| Ok((Mesh::query(instance.mesh.bind(py))?, instance.transform));
+        let instance = |instance: &Instance| {
+            let mesh = Mesh::of(instance.mesh.bind(py))?.mesh;
+            // Its tree lies about its centre.
+            let transform = instance.transform * DMat4::from_translation(mesh.center());
+            Ok((mesh, transform))
+        };
         let instances = slf.get().locked().iter().map(instance).collect::<PyResult<Vec<_>>>()?;
-        let world = query::World::build(&instances).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        slf.as_super().get().change(|target| *target = Target::World(world))
+        let triangles = instances.iter().map(|(mesh, _)| mesh.triangle_count()).sum();
+        let world = Threads::all()?.run(py, || query::World::build(&instances));
+        let world = world.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        slf.as_super().get().change(|target| *target = Target::World(WorldTarget { world, triangles }))
     }
 }
 
@@ -57,7 +65,7 @@ impl World {
     fn new() -> PyResult<PyClassInitializer<Self>> {
         let nothing: [(query::Mesh, DMat4); 0] = [];
         let world = query::World::build(&nothing).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        Ok(PyClassInitializer::from(Queries::of(Target::World(world))).add_subclass(Self { instances: Mutex::default() }))
+        Ok(PyClassInitializer::from(Queries::of(Target::World(WorldTarget { world, triangles: 0 }))).add_subclass(Self { instances: Mutex::default() }))
     }
 
     /// Adds an instance of a mesh, moved by `transform`, `(4, 4)` or `(3, 4)`, the identity by default. Returns its number.

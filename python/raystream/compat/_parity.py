@@ -17,11 +17,11 @@ def _allow_open(mesh):
     return True
 
 
-def contains(mesh, points):
+def contains(mesh, points, threads=None):
     """For each point, True if it is inside."""
-    return mesh.contains(points, allow_open=_allow_open(mesh))
+    return mesh.contains(points, allow_open=_allow_open(mesh), threads=threads)
 
 
-def signed_distance(mesh, points):
+def signed_distance(mesh, points, threads=None):
     """Distances from the surface, negative inside."""
-    return mesh.signed_distance(points, allow_open=_allow_open(mesh))
+    return mesh.signed_distance(points, allow_open=_allow_open(mesh), threads=threads)

@@ -23,8 +23,9 @@ __all__ = ["ElementMesh", "EmbreeDevice", "EmbreeScene", "TriangleMesh", "instal
 #: The value of `tfar` for a miss.
 FAR = np.float32(1e37)
 
-# Outward triangles of a tetrahedron and of a hexahedron, by their corners.
-_TETRAHEDRON = np.array([[1, 3, 2], [1, 3, 0], [1, 2, 0], [2, 3, 0]])
+# Triangles of a tetrahedron and of a hexahedron (two a face), numbered as embreex numbers them, seen counterclockwise
+# from outside.
+_TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 _HEXAHEDRON = np.array(
     [
         [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
@@ -63,6 +64,14 @@ class EmbreeScene:
             self._firsts = np.cumsum([0] + [len(part) for part in faces])
         return self._mesh
 
+    def _normals(self, primitive):
+        """Normals as long as twice the triangles' areas, 0 for misses."""
+        faces = self._mesh.faces
+        if len(faces) == 0:
+            return np.zeros((len(primitive), 3), np.float32)
+        a, b, c = (self._mesh.vertices[faces[primitive, corner]] for corner in range(3))
+        return np.where(primitive[:, None] < 0, np.float32(0), np.cross(b - a, c - a))
+
     def run(self, vec_origins, vec_directions, dists=None, query="INTERSECT", output=None):
         """Traces rays: primitives of first hits; with `output`, a dictionary of all that is known of them."""
         if query not in ("INTERSECT", "OCCLUDED", "DISTANCE"):
@@ -75,7 +84,7 @@ class EmbreeScene:
         far = FAR if dists is None else dists
         if query == "OCCLUDED" and not output:
             return np.where(mesh.occluded(origins, directions, t_max=far), 0, -1).astype(np.int32)
-        hits = mesh.cast(origins, directions, t_max=far, want="t primitive uv normal" if output else "t primitive")
+        hits = mesh.cast(origins, directions, t_max=far, want="t primitive uv" if output else "t primitive")
         miss = hits.primitive < 0
         geometry = np.searchsorted(self._firsts, hits.primitive, side="right") - 1
         primitive = np.where(miss, -1, hits.primitive - self._firsts[geometry]).astype(np.int32)
@@ -84,7 +93,7 @@ class EmbreeScene:
             return {
                 "u": hits.uv[:, 0].copy(),
                 "v": hits.uv[:, 1].copy(),
-                "Ng": hits.normal,
+                "Ng": self._normals(hits.primitive),
                 "tfar": distance,
                 "primID": primitive,
                 "geomID": np.where(miss, -1, geometry).astype(np.int32),

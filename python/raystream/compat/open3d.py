@@ -76,8 +76,17 @@ class RaycastingScene:
 
     def _hits(self, hits):
         geometry, primitive = self._ids(hits.primitive)
-        columns = {"t_hit": hits.t, "geometry_ids": geometry, "primitive_ids": primitive, "primitive_uvs": hits.uv}
-        return columns
+        return {"t_hit": hits.t, "geometry_ids": geometry, "primitive_ids": primitive, "primitive_uvs": hits.uv}
+
+    def _normals(self, primitive):
+        """Unit normals of triangles, 0 for none."""
+        faces, vertices = self._built.faces, self._built.vertices.astype(np.float64)
+        if len(faces) == 0:
+            return np.zeros((*primitive.shape, 3), np.float32)
+        a, b, c = (vertices[faces[primitive, corner]] for corner in range(3))
+        normals = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0).astype(np.float32)
 
     def cast_rays(self, rays, nthreads=0):
         """First hits."""
@@ -103,14 +112,14 @@ class RaycastingScene:
     def compute_closest_points(self, query_points, nthreads=0):
         """Nearest points of the surfaces."""
         points, threads = _array(query_points), _threads(nthreads)
-        near = self._mesh().nearest(points, want="position primitive uv normal", threads=threads)
+        near = self._mesh().nearest(points, want="position primitive uv", threads=threads)
         geometry, primitive = self._ids(near.primitive)
         columns = {
             "points": near.position,
             "geometry_ids": geometry,
             "primitive_ids": primitive,
             "primitive_uvs": near.uv,
-            "primitive_normals": near.normal,
+            "primitive_normals": self._normals(near.primitive),
         }
         return {name: _answer(column) for name, column in columns.items()}
 
@@ -121,12 +130,12 @@ class RaycastingScene:
     def compute_signed_distance(self, query_points, nthreads=0, nsamples=1):
         """Distances from the surface, negative inside. One exact ray decides: `nsamples` is of no use."""
         _check_samples(nsamples)
-        return _answer(signed_distance(self._mesh(), _array(query_points)))
+        return _answer(signed_distance(self._mesh(), _array(query_points), _threads(nthreads)))
 
     def compute_occupancy(self, query_points, nthreads=0, nsamples=1):
         """1 for points inside, 0 for others. One exact ray decides: `nsamples` is of no use."""
         _check_samples(nsamples)
-        return _answer(contains(self._mesh(), _array(query_points)).astype(np.float32))
+        return _answer(contains(self._mesh(), _array(query_points), _threads(nthreads)).astype(np.float32))
 
     @staticmethod
     def create_rays_pinhole(

@@ -11,12 +11,18 @@ import types
 
 import numpy as np
 import trimesh as _trimesh
-from trimesh import caching, util
+from trimesh import util
+from trimesh.constants import tol
+from trimesh.triangles import closest_point as _on_triangles
 
 from .. import Mesh
-from ._parity import contains, signed_distance as _signed_distance
+from ._parity import contains
 
 __all__ = ["ProximityQuery", "RayMeshIntersector", "closest_point", "install", "signed_distance"]
+
+
+#: Four times the rounding of a coordinate to float32, as a share of the mesh's size.
+_ROUNDING = 4 * 2.0**-24
 
 
 def _built(mesh):
@@ -64,6 +70,10 @@ class RayMeshIntersector:
     ):
         """Triangles and rays of all hits, or of the first; with `return_locations` their points, too."""
         origins, directions = self._rays(ray_origins, ray_directions)
+        # Hits at the very origin count, wherever the rounding of the mesh to float32 has moved them.
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        back = np.divide(directions, lengths, out=np.zeros_like(directions), where=lengths > 0)
+        given, origins = origins, origins - self.mesh.scale * _ROUNDING * back
         if multiple_hits:
             hits = _built(self.mesh).all_hits(origins, directions, want="t primitive uv", max_hits=max_hits)
             index_ray, index_tri, uv = hits.ray, hits.primitive.astype(np.int64), hits.uv
@@ -73,7 +83,7 @@ class RayMeshIntersector:
             index_tri, uv = hits.primitive[index_ray].astype(np.int64), hits.uv[index_ray]
         if not return_locations:
             return index_tri, index_ray
-        return index_tri, index_ray, self._locations(origins[index_ray], directions[index_ray], index_tri, uv)
+        return index_tri, index_ray, self._locations(given[index_ray], directions[index_ray], index_tri, uv)
 
     def _locations(self, origins, directions, index_tri, uv):
         """Where rays meet the planes of triangles, in float64; beside steep edges, where their weights say."""
@@ -117,18 +127,45 @@ class RayMeshIntersector:
 
 
 def closest_point(mesh, points):
-    """Nearest points of the surface, distances, triangles.
+    """Nearest points of the surface, distances, triangles: in float64, of the mesh's own vertices.
 
-    Of triangles that share the nearest point, the one that faces the question point most, as trimesh answers.
+    Of triangles that share a nearest point, the one that faces the point most is named, as trimesh does it.
     """
     points = _vectors(points, "points")
-    hits = _built(mesh).nearest(points, want="distance position64 primitive")
-    return hits.position64, hits.distance.astype(np.float64), hits.primitive.astype(np.int64)
+    hits = _built(mesh).nearest(points, want="primitive uv")
+    index_tri = hits.primitive.astype(np.int64)
+    triangles = mesh.triangles.view(np.ndarray)
+    closest = _on_triangles(triangles[index_tri], points)
+    distance = np.linalg.norm(points - closest, axis=1)
+    weights = np.column_stack([1 - hits.uv.astype(np.float64).sum(axis=1), hits.uv])
+    shared = np.flatnonzero((weights.min(axis=1) < 1e-5) & (distance**2 > tol.merge))
+    if len(shared):
+        corner = weights[shared].argmax(axis=1)
+        vertices = mesh.faces.view(np.ndarray)[index_tri[shared], corner]
+        index_tri[shared] = _facing(mesh, points[shared], closest[shared], vertices)
+    return closest, distance, index_tri
+
+
+def _facing(mesh, points, closest, vertices):
+    """Of the triangles at some vertices that have the nearest points, those that face the points most."""
+    candidates = mesh.vertex_faces[vertices]
+    rows, columns = np.nonzero(candidates >= 0)
+    faces = candidates[rows, columns]
+    away = points - closest
+    squared = util.diagonal_dot(away, away)
+    others = points[rows] - _on_triangles(mesh.triangles.view(np.ndarray)[faces], points[rows])
+    facing = util.diagonal_dot(mesh.face_normals[faces], away[rows]) / np.sqrt(squared[rows])
+    facing[np.abs(util.diagonal_dot(others, others) - squared[rows]) > tol.merge] = -np.inf
+    table = np.full(candidates.shape, -np.inf)
+    table[rows, columns] = facing
+    return candidates[np.arange(len(points)), table.argmax(axis=1)]
 
 
 def signed_distance(mesh, points):
-    """Distances from the surface, **positive inside**, as trimesh has them."""
-    return -_signed_distance(_built(mesh), _vectors(points, "points")).astype(np.float64)
+    """Distances from the surface in float64, **positive inside**, as trimesh has them."""
+    points = _vectors(points, "points")
+    distance = closest_point(mesh, points)[1]
+    return np.where(contains(_built(mesh), points) | (distance < tol.merge), distance, -distance)
 
 
 class ProximityQuery(_trimesh.proximity.ProximityQuery):
