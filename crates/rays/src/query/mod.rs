@@ -45,6 +45,7 @@
 
 mod closed;
 mod columns;
+mod crossings;
 mod mesh;
 mod nearest;
 mod points;

@@ -1,14 +1,13 @@
 //! Queries of points: the nearest point of a mesh, and the side on which a point lies.
 
 use super::columns::Divide;
+use super::crossings::box_ray;
 use super::nearest::{NearestPoint, nearest};
 use super::shares::in_parts;
 use super::target::Target;
 use crate::geom::{HalfOpenRay, is_on_triangle};
 use crate::stream::{MISS, Ray};
-use crate::trace::cpu::visit_triangles;
 use glam::{DVec3, Vec3};
-use std::ops::ControlFlow;
 
 /// Points in arrays of the caller.
 #[derive(Clone, Copy, Debug)]
@@ -163,56 +162,58 @@ impl Target<'_> {
     /// For each point, true if it lies inside, or on the surface.
     pub(super) fn contains(&self, points: &Points<'_>, inside: &mut [bool]) {
         assert_eq!(points.len(), inside.len(), "one answer per point");
-        in_parts(points.len(), inside, POINTS_AT_ONCE, |first, _, inside| {
-            for (row, inside) in inside.iter_mut().enumerate() {
-                *inside = self.side_of(points.get(first + row)) != Side::Outside;
-            }
+        in_parts(points.len(), inside, POINTS_AT_ONCE, |first, len, inside| {
+            let sides = self.sides(points, first, len);
+            inside.iter_mut().zip(sides).for_each(|(inside, side)| *inside = side != Side::Outside);
         });
     }
 
     /// Distances from the mesh, negative inside.
     pub(super) fn signed_distances(&self, points: &Points<'_>, distances: &mut [f32]) {
         assert_eq!(points.len(), distances.len(), "one distance per point");
-        in_parts(points.len(), distances, POINTS_AT_ONCE, |first, _, distances| {
-            for (row, distance) in distances.iter_mut().enumerate() {
-                let point = points.get(first + row);
-                let found =
-                    self.nearest(point, f32::INFINITY).map_or(f32::INFINITY, |nearest| nearest.distance);
-                *distance = match self.side_of(point) {
-                    Side::Inside => -found,
+        in_parts(points.len(), distances, POINTS_AT_ONCE, |first, len, distances| {
+            let sides = self.sides(points, first, len);
+            for (row, (distance, side)) in distances.iter_mut().zip(sides).enumerate() {
+                let nearest = || self.nearest(points.get(first + row), f32::INFINITY);
+                let found = || nearest().map_or(f32::INFINITY, |nearest| nearest.distance);
+                *distance = match side {
+                    Side::Inside => -found(),
                     Side::Surface => 0.0,
-                    Side::Outside => found,
+                    Side::Outside => found(),
                 };
             }
         });
     }
 
-    /// The side of a point, by the parity of the crossings of a ray that begins there.
-    fn side_of(&self, point: DVec3) -> Side {
-        let bvh = self.tracers.bvh();
-        let point = point - self.center;
-        if !point.is_finite() {
-            return Side::Outside;
-        }
-        // Away from the middle, fewer triangles are crossed. No component is 0, and no two are equal.
-        let middle = (0.5 * (bvh.bounds().min + bvh.bounds().max)).as_dvec3();
-        let away = DVec3::new(1.0, 0.71875, 0.5625);
-        let direction = DVec3::select((point - middle).cmplt(DVec3::ZERO), -away, away);
-        let ray = Ray::new(point.as_vec3().to_array(), direction.as_vec3().to_array());
-        let exact = HalfOpenRay::new(point, direction, 0.0, f64::INFINITY);
-        let mut side = Side::Outside;
-        visit_triangles(bvh, &ray, |triangle| {
-            if touches_box(point, triangle.corners) && is_on_triangle(point, triangle.corners) {
-                side = Side::Surface;
-                return ControlFlow::Break(());
+    /// The sides of consecutive points, by the parity of the crossings of a ray from each.
+    fn sides(&self, points: &Points<'_>, first: usize, len: usize) -> Vec<Side> {
+        let bounds = self.tracers.bvh().bounds();
+        let middle = (0.5 * (bounds.min + bounds.max)).as_dvec3();
+        let point = |row: usize| points.get(first + row) - self.center;
+        let rays: Vec<Ray> = (0..len).map(|row| box_ray(point(row), away_from(middle, point(row)))).collect();
+        let mut sides = vec![Side::Outside; len];
+        self.visit_candidates(&rays, |candidate| {
+            let (side, corners) = (&mut sides[candidate.ray], candidate.corners);
+            let point = point(candidate.ray);
+            if touches_box(point, corners) && is_on_triangle(point, corners) {
+                *side = Side::Surface;
+                return -1.0;
             }
-            if exact.crossing(triangle.corners).is_some() {
-                side = if side == Side::Inside { Side::Outside } else { Side::Inside };
+            let exact = HalfOpenRay::new(point, away_from(middle, point), 0.0, f64::INFINITY);
+            if exact.crossing(corners).is_some() {
+                *side = if *side == Side::Inside { Side::Outside } else { Side::Inside };
             }
-            ControlFlow::Continue(f32::INFINITY)
+            f32::INFINITY
         });
-        side
+        sides
     }
+}
+
+/// The direction of the ray that decides on which side a point lies: away from the middle, where fewer triangles are
+/// crossed. No component is 0, and no two are equal.
+fn away_from(middle: DVec3, point: DVec3) -> DVec3 {
+    let away = DVec3::new(1.0, 0.71875, 0.5625);
+    DVec3::select((point - middle).cmplt(DVec3::ZERO), -away, away)
 }
 
 /// Position of a point relative to a closed mesh.

@@ -2,26 +2,24 @@
 
 use super::columns::{ColumnWriter, HitColumns};
 use super::points::{NearestColumns, Points};
-use super::rays::{ExactRay, PreparedRay, Rays, Rule};
+use super::rays::{PreparedRay, Rays, Rule};
 use super::shares::in_parts;
 use super::tree_tracers::{SHARE_RAYS, TreeTracers};
 use super::world::WorldHit;
 use crate::geom::Expansion;
 use crate::stream::{Hit, MISS, Ray};
-use crate::trace::cpu::visit_triangles;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::cell::Cell;
 use std::collections::TryReserveError;
-use std::ops::ControlFlow;
 
 thread_local! {
     /// Rays and hits of a share.
     static BUFFERS: Cell<(Vec<Ray>, Vec<Hit>)> = const { Cell::new((Vec::new(), Vec::new())) };
 }
 
-/// The most rays whose hits one thread lists at a time.
-const LISTED_AT_ONCE: usize = 4096;
+/// The most rays whose exact sums one thread keeps at a time.
+const SUMMED_AT_ONCE: usize = 4096;
 
 /// What is asked: a tree, and what its primitive ids mean.
 #[derive(Clone, Copy, Debug)]
@@ -143,8 +141,11 @@ pub trait RayQueries {
         Self: Sized,
     {
         let target = self.target();
-        in_parts(rays.len(), (), LISTED_AT_ONCE, |first, len, ()| {
-            target.visit_hits(rays, first, len, rule, &mut |ray, hit| visit(ray, &target.world_hit(hit)));
+        in_parts(rays.len(), (), SHARE_RAYS, |first, len, ()| {
+            target.visit_hits(rays, first, len, rule, &mut |ray, hit| {
+                visit(first + ray, &target.world_hit(hit));
+                true
+            });
         });
     }
 }
@@ -169,11 +170,7 @@ impl Target<'_> {
             hits.resize(len, Hit::NONE);
             match rule {
                 Rule::Closed => self.closest(rays, first, &mut buffer, &mut hits),
-                Rule::HalfOpen => {
-                    for (i, hit) in hits.iter_mut().enumerate() {
-                        *hit = self.first_crossing(&rays.prepare_exact(first + i, self.center));
-                    }
-                }
+                Rule::HalfOpen => self.first_crossings(rays, first, &mut hits),
             }
             ColumnWriter { target: *self, rays, first }.write(&hits, columns);
             BUFFERS.set((buffer, hits));
@@ -203,78 +200,30 @@ impl Target<'_> {
         }
     }
 
-    /// The first crossing of a ray.
-    fn first_crossing(&self, ray: &ExactRay) -> Hit {
-        let (mut best, mut best_t, mut best_corners) = (Hit::NONE, f64::INFINITY, Default::default());
-        visit_triangles(self.tracers.bvh(), &ray.ray, |triangle| {
-            if let Some(crossing) = ray.exact.crossing(triangle.corners) {
-                // Distances have 31 bits at least.
-                let (first, last) = (crossing.t * (1.0 - 1e-9), crossing.t * (1.0 + 1e-9));
-                let nearer = if best.is_miss() || last < best_t {
-                    true
-                } else if first > best_t {
-                    false
-                } else if ray.exact.crosses_first(triangle.corners, best_corners) {
-                    true
-                } else {
-                    triangle.primitive < best.primitive
-                        && !ray.exact.crosses_first(best_corners, triangle.corners)
-                };
-                if nearer {
-                    let t = (crossing.t * ray.t_scale) as f32;
-                    best = Hit { t, u: crossing.u, v: crossing.v, primitive: triangle.primitive };
-                    (best_t, best_corners) = (crossing.t, triangle.corners);
-                }
-            }
-            ControlFlow::Continue((best_t * ray.to_ray * 1.00001) as f32)
-        });
-        best
-    }
-
-    /// Calls `visit` with each hit of consecutive rays, in no particular order, with `t` in the caller's units.
+    /// Calls `visit` with each hit of consecutive rays, in no particular order, with `t` in the caller's units and the
+    /// index of the ray counted from `first`. It returns false where the ray needs no more.
     pub(super) fn visit_hits(
         &self,
         rays: &Rays<'_>,
         first: usize,
         len: usize,
         rule: Rule,
-        visit: &mut dyn FnMut(usize, &Hit),
+        visit: &mut dyn FnMut(usize, &Hit) -> bool,
     ) {
-        for i in first..first + len {
-            self.visit_hits_of(rays, i, rule, &mut |hit| {
-                visit(i, hit);
-                ControlFlow::Continue(())
-            });
-        }
-    }
-
-    /// Calls `visit` with the hits of a ray until it ends the search.
-    fn visit_hits_of(
-        &self,
-        rays: &Rays<'_>,
-        index: usize,
-        rule: Rule,
-        visit: &mut dyn FnMut(&Hit) -> ControlFlow<()>,
-    ) {
-        if rule == Rule::Closed {
-            let PreparedRay { ray, t_scale } = rays.prepare(index, self.center);
-            self.tracers.single().visit_hits(&[ray], |_, hit| {
-                // The tracer does not know how to stop.
-                let _ = visit(&Hit { t: (f64::from(hit.t) * t_scale) as f32, ..*hit });
-            });
-            return;
-        }
-        let ExactRay { ray, exact, t_scale, .. } = rays.prepare_exact(index, self.center);
-        visit_triangles(self.tracers.bvh(), &ray, |triangle| {
-            if let Some(crossing) = exact.crossing(triangle.corners) {
-                let t = (crossing.t * t_scale) as f32;
-                let hit = Hit { t, u: crossing.u, v: crossing.v, primitive: triangle.primitive };
-                if visit(&hit).is_break() {
-                    return ControlFlow::Break(());
+        match rule {
+            Rule::HalfOpen => self.visit_crossings(rays, first, len, |candidate, ray, crossing| {
+                let more = visit(candidate.ray, &ray.hit(crossing, candidate.primitive));
+                if more { f32::INFINITY } else { -1.0 }
+            }),
+            Rule::Closed => {
+                for i in 0..len {
+                    let PreparedRay { ray, t_scale } = rays.prepare(first + i, self.center);
+                    self.tracers.single().visit_hits(&[ray], |_, hit| {
+                        visit(i, &Hit { t: (f64::from(hit.t) * t_scale) as f32, ..*hit });
+                    });
                 }
             }
-            ControlFlow::Continue(f32::INFINITY)
-        });
+        }
     }
 
     fn cast_occluded(&self, rays: &Rays<'_>, rule: Rule, occluded: &mut [bool]) {
@@ -297,57 +246,57 @@ impl Target<'_> {
         });
     }
 
-    fn count_hits(&self, rays: &Rays<'_>, rule: Rule, counts: &mut [u32]) {
+    pub(super) fn count_hits(&self, rays: &Rays<'_>, rule: Rule, counts: &mut [u32]) {
         assert_eq!(rays.len(), counts.len(), "one number per ray");
-        in_parts(rays.len(), counts, LISTED_AT_ONCE, |first, len, counts| {
+        in_parts(rays.len(), counts, SHARE_RAYS, |first, len, counts| {
             counts.fill(0);
-            self.visit_hits(rays, first, len, rule, &mut |ray, _| counts[ray - first] += 1);
+            self.visit_hits(rays, first, len, rule, &mut |ray, _| {
+                counts[ray] += 1;
+                true
+            });
         });
     }
 
     fn at_least(&self, count: u32, rays: &Rays<'_>, rule: Rule, answers: &mut [bool]) {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
-        in_parts(rays.len(), answers, LISTED_AT_ONCE, |first, _, answers| {
-            for (i, answer) in answers.iter_mut().enumerate() {
-                let mut found = 0;
-                if count > 0 {
-                    self.visit_hits_of(rays, first + i, rule, &mut |_| {
-                        found += 1;
-                        if found < count { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-                    });
+        in_parts(rays.len(), answers, SHARE_RAYS, |first, len, answers| {
+            answers.fill(count == 0);
+            let mut counts = vec![0; if count > 1 { len } else { 0 }];
+            self.visit_hits(rays, first, len, rule, &mut |ray, _| {
+                if count > 1 {
+                    counts[ray] += 1;
+                    answers[ray] = counts[ray] >= count;
+                } else {
+                    answers[ray] = true;
                 }
-                *answer = found >= count;
-            }
+                !answers[ray]
+            });
         });
     }
 
     fn sum_along(&self, of_triangles: &[f32], rays: &Rays<'_>, rule: Rule, sums: &mut [f32]) {
         assert_eq!(rays.len(), sums.len(), "one sum per ray");
         assert_eq!(of_triangles.len(), self.tracers.bvh().len(), "one number per triangle");
-        in_parts(rays.len(), sums, LISTED_AT_ONCE, |first, _, sums| {
-            for (i, total) in sums.iter_mut().enumerate() {
-                let mut sum = Expansion::zero();
-                let mut special = 0.0;
-                self.visit_hits_of(rays, first + i, rule, &mut |hit| {
-                    let number = of_triangles[hit.primitive as usize];
-                    if number.is_finite() {
-                        sum.add(number.into());
-                    } else {
-                        special += number;
-                    }
-                    ControlFlow::Continue(())
-                });
-                *total = if special == 0.0 { sum.to_f32() } else { special };
-            }
+        in_parts(rays.len(), sums, SUMMED_AT_ONCE, |first, len, sums| {
+            let mut exact = vec![ExactSum::default(); len];
+            self.visit_hits(rays, first, len, rule, &mut |ray, hit| {
+                exact[ray].add(of_triangles[hit.primitive as usize]);
+                true
+            });
+            sums.iter_mut().zip(exact).for_each(|(sum, exact)| *sum = exact.rounded());
         });
     }
 
-    fn list_hits(&self, rays: &Rays<'_>, rule: Rule, most: usize) -> Result<HitLists, TryReserveError> {
+    pub(super) fn list_hits(
+        &self,
+        rays: &Rays<'_>,
+        rule: Rule,
+        most: usize,
+    ) -> Result<HitLists, TryReserveError> {
         let count = rays.len();
-        let starts: Vec<usize> = (0..count).step_by(LISTED_AT_ONCE).collect();
-        let list =
-            |&first: &usize| self.list_part(rays, first, LISTED_AT_ONCE.min(count - first), rule, most);
-        let parts: Vec<HitLists> = if count <= 1024 {
+        let starts: Vec<usize> = (0..count).step_by(SHARE_RAYS).collect();
+        let list = |&first: &usize| self.list_part(rays, first, SHARE_RAYS.min(count - first), rule, most);
+        let parts: Vec<HitLists> = if count <= SHARE_RAYS {
             starts.iter().map(list).collect::<Result<_, _>>()?
         } else {
             starts.par_iter().map(list).collect::<Result<_, _>>()?
@@ -373,28 +322,61 @@ impl Target<'_> {
         rule: Rule,
         most: usize,
     ) -> Result<HitLists, TryReserveError> {
-        let mut part = HitLists { offsets: Vec::with_capacity(len), hits: Vec::new() };
-        let mut hits: Vec<Hit> = Vec::new();
-        for i in first..first + len {
-            hits.clear();
-            let mut error = None;
-            self.visit_hits_of(rays, i, rule, &mut |hit| {
-                if let Err(refused) = hits.try_reserve(1) {
-                    error = Some(refused);
-                    return ControlFlow::Break(());
-                }
-                hits.push(*hit);
-                ControlFlow::Continue(())
-            });
-            if let Some(error) = error {
-                return Err(error);
+        let (mut found, mut ends, mut refused) = (Vec::new(), vec![0; len + 1], None);
+        self.visit_hits(rays, first, len, rule, &mut |ray, hit| {
+            if let Err(error) = found.try_reserve(1) {
+                refused = Some(error);
+                return false;
             }
+            found.push((ray as u32, *hit));
+            ends[ray + 1] += 1;
+            true
+        });
+        if let Some(error) = refused {
+            return Err(error);
+        }
+        // Sorted by ray: each goes to the next place of its ray.
+        for ray in 0..len {
+            ends[ray + 1] += ends[ray];
+        }
+        let mut sorted: Vec<Hit> = Vec::new();
+        sorted.try_reserve_exact(found.len())?;
+        sorted.resize(found.len(), Hit::NONE);
+        let mut next = ends.clone();
+        for (ray, hit) in found {
+            sorted[next[ray as usize]] = hit;
+            next[ray as usize] += 1;
+        }
+        let mut part = HitLists { offsets: Vec::with_capacity(len), hits: Vec::new() };
+        part.hits.try_reserve(sorted.len())?;
+        for ray in 0..len {
+            let hits = &mut sorted[ends[ray]..ends[ray + 1]];
             hits.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
-            hits.truncate(most);
-            part.hits.try_reserve(hits.len())?;
-            part.hits.extend(hits.iter().map(|hit| self.world_hit(hit)));
+            part.hits.extend(hits.iter().take(most).map(|hit| self.world_hit(hit)));
             part.offsets.push(part.hits.len());
         }
         Ok(part)
+    }
+}
+
+/// A sum of numbers, without rounding.
+#[derive(Clone, Default)]
+struct ExactSum {
+    finite: Expansion,
+    /// The sum of those that are NaN or infinite.
+    special: f32,
+}
+
+impl ExactSum {
+    fn add(&mut self, number: f32) {
+        if number.is_finite() {
+            self.finite.add(number.into());
+        } else {
+            self.special += number;
+        }
+    }
+
+    fn rounded(&self) -> f32 {
+        if self.special == 0.0 { self.finite.to_f32() } else { self.special }
     }
 }

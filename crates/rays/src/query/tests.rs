@@ -1,5 +1,7 @@
 //! Ray queries against the oracle and against brute force.
 
+mod counting;
+
 use super::nearest::nearest_point;
 use super::tree_tracers::TreeTracers;
 use super::*;

@@ -74,8 +74,7 @@ pub mod triangle;
 mod visit_order;
 
 pub use crate::lanes::{SimdError, SimdLevel};
-#[doc(hidden)]
-pub use crossings::{VisitedTriangle, visit_triangles};
+pub(crate) use crossings::TriangleSink;
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
