@@ -38,8 +38,8 @@ def pinhole(intrinsics, world_to_camera, width, height, *, axes="opencv"):
 def lidar(elevations, azimuths, pose=None):
     """The rays of a spinning scanner, `(elevations, azimuths, 6)`, with directions of length 1, so that t is distance.
 
-    Angles are in radians: an azimuth turns from +x towards +y, an elevation rises towards +z. `pose`, `(4, 4)`, moves the
-    scanner to its place in the world.
+    Angles are in radians: an azimuth turns from +x towards +y, an elevation rises towards +z. `pose`, `(4, 4)`, moves
+    the scanner to its place in the world.
 
     >>> rays = lidar([0.0], [0.0, np.pi / 2])
     >>> np.round(rays[0, :, 3:]).tolist()

@@ -9,8 +9,8 @@ use pyo3::types::{PyDict, PyList, PyTuple};
 
 /// Columns of an answer, arrays that have the same leading shape as the question.
 ///
-/// A column is an attribute, `hits.t`, and an item, `hits["t"]`. A miss has `t` = +inf, `primitive` and `instance` = -1,
-/// and zeros in every other column.
+/// A column is an attribute, `hits.t`, and an item, `hits["t"]`. A miss has `t` = +inf, `primitive` and `instance` =
+/// -1, and zeros in every other column.
 #[pyclass(module = "raystream", frozen, mapping)]
 #[derive(Debug)]
 pub struct Hits {
@@ -20,7 +20,9 @@ pub struct Hits {
 impl Hits {
     /// Of these columns.
     pub fn of(columns: Vec<(&str, Bound<'_, PyAny>)>) -> Self {
-        Self { columns: columns.into_iter().map(|(name, array)| (name.to_string(), array.unbind())).collect() }
+        Self {
+            columns: columns.into_iter().map(|(name, array)| (name.to_string(), array.unbind())).collect(),
+        }
     }
 
     /// With more columns before these.
@@ -51,7 +53,8 @@ impl Hits {
 impl Hits {
     #[new]
     fn new(columns: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let column = |(name, array): (Bound<'_, PyAny>, Bound<'_, PyAny>)| Ok((name.extract()?, array.unbind()));
+        let column =
+            |(name, array): (Bound<'_, PyAny>, Bound<'_, PyAny>)| Ok((name.extract()?, array.unbind()));
         Ok(Self { columns: columns.iter().map(column).collect::<PyResult<_>>()? })
     }
 
@@ -105,7 +108,8 @@ impl Hits {
             return primitive.bind(py).rich_compare(0, CompareOp::Ge);
         }
         let t = self.find("t").or_else(|| self.find("distance"));
-        let t = t.ok_or_else(|| PyAttributeError::new_err("hit needs the column primitive, t or distance"))?;
+        let t =
+            t.ok_or_else(|| PyAttributeError::new_err("hit needs the column primitive, t or distance"))?;
         numpy(py)?.call_method1(intern!(py, "isfinite"), (t,))
     }
 
@@ -118,7 +122,8 @@ impl Hits {
         let numpy = numpy(py)?;
         for (name, array) in columns {
             let array = array.bind(py);
-            let head = format!("{name} {} {};", array.getattr("dtype")?.getattr("name")?, array.getattr("shape")?);
+            let head =
+                format!("{name} {} {};", array.getattr("dtype")?.getattr("name")?, array.getattr("shape")?);
             let array = numpy.call_method1(intern!(py, "ascontiguousarray"), (array,))?;
             digest.call_method1("update", (head.as_bytes(),))?;
             digest.call_method1("update", (array,))?;

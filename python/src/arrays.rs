@@ -88,7 +88,11 @@ pub fn integers<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Numbers<
     numbers(&given, name)
 }
 
-fn converted<'py>(numpy: &Bound<'py, PyModule>, value: &Bound<'py, PyAny>, kind: &str) -> PyResult<Bound<'py, PyAny>> {
+fn converted<'py>(
+    numpy: &Bound<'py, PyModule>,
+    value: &Bound<'py, PyAny>,
+    kind: &str,
+) -> PyResult<Bound<'py, PyAny>> {
     let py = numpy.py();
     let is_array = value.cast::<numpy::PyUntypedArray>().is_ok();
     let array = if !is_array && value.hasattr(intern!(py, "__dlpack__"))? {
@@ -166,6 +170,8 @@ pub fn array<'py, T: Element>(
 pub fn leading<T: Element>(array: &Numbers<'_, T>, last: usize, name: &str) -> PyResult<Vec<usize>> {
     match array.shape() {
         [leading @ .., length] if *length == last => Ok(leading.to_vec()),
-        shape => Err(PyValueError::new_err(format!("{name} have the shape {shape:?}; it must be (.., {last})"))),
+        shape => {
+            Err(PyValueError::new_err(format!("{name} have the shape {shape:?}; it must be (.., {last})")))
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::answers::Hits;
 use crate::arrays::{array, check_memory, reserved};
-use crate::columns::{OF_HITS, OF_LISTS, OF_POINTS, Number, Out, Want, single};
+use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
 use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
 use crate::rays::{Floats, Rays, part_of, rays_of};
 use crate::threads::{FEW, Threads};
@@ -178,7 +178,8 @@ impl Lists {
 
     fn into_hits(self, py: Python<'_>) -> PyResult<Hits> {
         let (want, hits, rays) = (self.want, [self.ray.len()], [self.offsets.len()]);
-        let mut columns = vec![("offsets", array(py, self.offsets, &rays, 1)?), ("ray", array(py, self.ray, &hits, 1)?)];
+        let mut columns =
+            vec![("offsets", array(py, self.offsets, &rays, 1)?), ("ray", array(py, self.ray, &hits, 1)?)];
         if want.has("t") {
             columns.push(("t", array(py, self.t, &hits, 1)?));
         }

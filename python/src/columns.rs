@@ -83,7 +83,10 @@ impl Want {
 
     /// True if the call asks for a column.
     pub fn has(&self, name: &str) -> bool {
-        self.known.iter().position(|(known, _)| *known == name).is_some_and(|index| self.chosen >> index & 1 == 1)
+        self.known
+            .iter()
+            .position(|(known, _)| *known == name)
+            .is_some_and(|index| self.chosen >> index & 1 == 1)
     }
 
     /// Names of the columns asked for, with their bytes.
@@ -126,12 +129,16 @@ impl<'py, T: Number> Column<'py, T> {
         let Some(given) = out.map(|out| out.get(name)).transpose()?.flatten() else {
             return Ok(Self::New(zeros(shape.iter().product())?));
         };
-        let needed = || format!("out: {name} must be a writeable, contiguous array of {} in the shape {shape:?}", T::NAME);
+        let needed = || {
+            format!("out: {name} must be a writeable, contiguous array of {} in the shape {shape:?}", T::NAME)
+        };
         let array = given.cast::<PyArrayDyn<T>>().map_err(|_| PyTypeError::new_err(needed()))?;
         if array.shape() != shape || !array.is_c_contiguous() {
             return Err(PyValueError::new_err(needed()));
         }
-        Ok(Self::Given(array.try_readwrite().map_err(|error| PyValueError::new_err(format!("{}: {error}", needed())))?))
+        Ok(Self::Given(
+            array.try_readwrite().map_err(|error| PyValueError::new_err(format!("{}: {error}", needed())))?,
+        ))
     }
 
     /// The numbers.
@@ -166,7 +173,9 @@ impl<'py> Out<'py> {
         if let Ok(hits) = out.cast::<crate::answers::Hits>() {
             return Ok(Self(hits.get().dictionary(out.py())?.into_mapping()));
         }
-        Err(PyTypeError::new_err("out must be a dictionary of arrays by the names of columns, or an earlier answer"))
+        Err(PyTypeError::new_err(
+            "out must be a dictionary of arrays by the names of columns, or an earlier answer",
+        ))
     }
 
     fn get(&self, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
@@ -182,7 +191,10 @@ impl<'py> Out<'py> {
 ///
 /// # Errors
 /// As for [`Column::new`].
-pub fn single<'py, T: Number>(out: Option<&Bound<'py, PyAny>>, leading: &[usize]) -> PyResult<Column<'py, T>> {
+pub fn single<'py, T: Number>(
+    out: Option<&Bound<'py, PyAny>>,
+    leading: &[usize],
+) -> PyResult<Column<'py, T>> {
     let Some(out) = out else { return Column::new(None, "", leading, 1) };
     let mapping = pyo3::types::PyDict::new(out.py());
     mapping.set_item("the answer", out)?;

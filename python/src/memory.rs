@@ -96,11 +96,15 @@ impl<'py> HitMemory<'py> {
             instance: rows(&mut self.instance)?,
             uv: rows(&mut self.uv)?,
             normal: rows(&mut self.normal)?,
-            shading_normal: rows(&mut self.shading_normal)?
-                .map(|column| Interpolated { normals, triangles, column }),
+            shading_normal: rows(&mut self.shading_normal)?.map(|column| Interpolated {
+                normals,
+                triangles,
+                column,
+            }),
             position: rows(&mut self.position)?,
             position64: rows(&mut self.position64)?,
-            attribute: rows(&mut self.attribute)?.map(|column| Attribute { of_triangles: attributes, column }),
+            attribute: rows(&mut self.attribute)?
+                .map(|column| Attribute { of_triangles: attributes, column }),
         })
     }
 

@@ -17,8 +17,8 @@ use std::sync::Arc;
 ///
 /// `vertices` are `(v, 3)` numbers, `faces` `(f, 3)` integers, rows of `vertices`; without faces, `vertices` are the
 /// corners of triangles, `(f, 3, 3)`. Row i of `faces` is primitive i of an answer. Both sides of a triangle are hit;
-/// triangles without area never are. The arrays are copied. **float32 vertices are taken as they are; float64 ones, which
-/// may be far from the origin, are stored relative to the middle of their box**, in float32.
+/// triangles without area never are. The arrays are copied. **float32 vertices are taken as they are; float64 ones,
+/// which may be far from the origin, are stored relative to the middle of their box**, in float32.
 ///
 /// `attributes`, `(f,)`, are numbers that hits carry (the column attribute); `normals`, `(v, 3)`, are interpolated (the
 /// column shading_normal). ValueError names the first vertex that is not finite or beyond 1e11, and the first face that
@@ -46,7 +46,8 @@ impl Geometry {
         let faces = match (faces, leading.as_slice()) {
             (Some(faces), [_]) => faces_of(faces)?,
             (None, &[count, 3]) => {
-                let corners = u32::try_from(3 * count).map_err(|_| PyValueError::new_err("too many triangles"))?;
+                let corners =
+                    u32::try_from(3 * count).map_err(|_| PyValueError::new_err("too many triangles"))?;
                 (0..corners / 3).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect()
             }
             (Some(_), _) => return Err(PyValueError::new_err("vertices with faces must be (v, 3)")),
@@ -88,7 +89,9 @@ impl Mesh {
         let edges = Threads::all()?.run(slf.py(), || target.mesh.open_edges());
         slf.as_super().get().change(|now| match now {
             // Not if it was refitted meanwhile.
-            Target::Mesh(now) if Arc::ptr_eq(now.mesh.bvh(), target.mesh.bvh()) => now.open_edges = Some(edges),
+            Target::Mesh(now) if Arc::ptr_eq(now.mesh.bvh(), target.mesh.bvh()) => {
+                now.open_edges = Some(edges)
+            }
             _ => {}
         })?;
         Ok((target.mesh, edges))
@@ -123,7 +126,8 @@ impl Mesh {
         let normals = normals.map(|given| numbers::<f32>(given, "normals")).transpose()?;
         let attributes = attributes.map(|given| checked(&given, &[faces.len()], "attributes")).transpose()?;
         let normals = normals.map(|given| checked(&given, &[vertices.len(), 3], "normals")).transpose()?;
-        let mesh = Threads::new(threads, usize::MAX, 0)?.run(py, || build(&vertices, &faces)).map_err(defect)?;
+        let mesh =
+            Threads::new(threads, usize::MAX, 0)?.run(py, || build(&vertices, &faces)).map_err(defect)?;
         let normals = normals.map(|numbers| Arc::new(numbers.as_chunks().0.to_vec()));
         let (faces, attributes) = (Arc::new(faces), attributes.map(Arc::new));
         let target = MeshTarget { mesh, vertices, faces, attributes, normals, open_edges: None };
@@ -139,22 +143,28 @@ impl Mesh {
         let given = Floats::new(vertices, 3, "vertices")?;
         let (found, expected) = (given.leading(3, "vertices")?, before.vertices.len());
         if found != [expected] {
-            return Err(PyValueError::new_err(format!("vertices {found:?} for a mesh of [{expected}]; make a new one")));
+            return Err(PyValueError::new_err(format!(
+                "vertices {found:?} for a mesh of [{expected}]; make a new one"
+            )));
         }
         drop(before);
         let (threads, vertices) = (Threads::new(threads, usize::MAX, 0)?, vertices_of(&given)?);
-        slf.as_super().get().change(|target| {
-            let Target::Mesh(target) = target else { return Ok(()) };
-            threads.run(py, || {
-                match (&vertices, &target.vertices) {
-                    (Vertices::F32(vertices), Vertices::F32(_)) => target.mesh.refit(vertices, &target.faces)?,
-                    _ => target.mesh = build(&vertices, &target.faces)?,
-                }
-                (target.vertices, target.open_edges) = (vertices, None);
-                Ok(())
-            })
-        })?
-        .map_err(defect)
+        slf.as_super()
+            .get()
+            .change(|target| {
+                let Target::Mesh(target) = target else { return Ok(()) };
+                threads.run(py, || {
+                    match (&vertices, &target.vertices) {
+                        (Vertices::F32(vertices), Vertices::F32(_)) => {
+                            target.mesh.refit(vertices, &target.faces)?
+                        }
+                        _ => target.mesh = build(&vertices, &target.faces)?,
+                    }
+                    (target.vertices, target.open_edges) = (vertices, None);
+                    Ok(())
+                })
+            })?
+            .map_err(defect)
     }
 
     /// For each point, `(.., 3)`, True if it is inside the mesh or exactly on its surface: a bool array in the shape of
@@ -173,8 +183,8 @@ impl Mesh {
         call.each(slf.py(), |points, inside| mesh.contains_by_parity(points, inside))
     }
 
-    /// The distance of each point, `(.., 3)`, from the surface, **negative inside**: a float32 array in the shape of the
-    /// points. Errors and `allow_open` are those of `contains`.
+    /// The distance of each point, `(.., 3)`, from the surface, **negative inside**: a float32 array in the shape of
+    /// the points. Errors and `allow_open` are those of `contains`.
     #[pyo3(signature = (points, *, allow_open=false, out=None, threads=None))]
     fn signed_distance<'py>(
         slf: &Bound<'py, Self>,

@@ -12,11 +12,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Questions about rays and points, which meshes and worlds answer.
 ///
-/// **A miss** has `t` = +inf, `primitive` and `instance` = -1, NaN in `position` and `attribute`, and 0 in other columns.
-/// Arrays may have any leading shape, which the answer has, too. float32 arrays that are contiguous are not copied;
-/// float64 ones are traced relative to the mesh's middle; whatever speaks DLPack is taken. `threads` is the number of
-/// threads, by default one for each processor; small calls stay on the calling thread. Answers are the same bytes for any
-/// number of threads. The interpreter's lock is released, and Ctrl-C ends a long call.
+/// **A miss** has `t` = +inf, `primitive` and `instance` = -1, NaN in `position` and `attribute`, and 0 in other
+/// columns. Arrays may have any leading shape, which the answer has, too. float32 arrays that are contiguous are not
+/// copied; float64 ones are traced relative to the mesh's middle; whatever speaks DLPack is taken. `threads` is the
+/// number of threads, by default one for each processor; small calls stay on the calling thread. Answers are the same
+/// bytes for any number of threads. The interpreter's lock is released, and Ctrl-C ends a long call.
 #[pyclass(module = "raystream", frozen, subclass, weakref)]
 #[derive(Debug)]
 pub struct Queries {
@@ -67,17 +67,21 @@ impl Queries {
     /// broadcast. **t counts lengths of the direction**, which need not be 1. Hits count from `t_min` to `t_max`, both
     /// included: numbers, or an array for the rays.
     ///
-    /// `want` names what is computed, and nothing else is: t, primitive (the row of `faces`), instance, uv (weights of the
-    /// second and third corner), normal (geometric, of length 1, on the side from which corners are seen counterclockwise),
-    /// shading_normal (interpolated between the mesh's `normals`), position, position64, attribute. `out` has arrays to write
-    /// to by the names of columns, or is an earlier answer.
+    /// `want` names what is computed, and nothing else is: t, primitive (the row of `faces`), instance, uv (weights
+    /// of the second and third corner), normal (geometric, of length 1, on the side from which corners are seen
+    /// counterclockwise), shading_normal (interpolated between the mesh's `normals`), position, position64,
+    /// attribute. `out` has arrays to write to by the names of columns, or is an earlier answer.
     ///
-    /// With `rule="closed"` edges and corners belong to all their triangles: no ray slips through, of equally near triangles
-    /// the first is hit. With "half-open" it is the one that a ray moved by an infinitesimal amount would hit, so its side is
-    /// right at silhouettes, too. **A ray that touches a mesh may hit by "closed" where `count` says 0.**
+    /// With `rule="closed"` edges and corners belong to all their triangles: no ray slips through, of equally near
+    /// triangles the first is hit. With "half-open" it is the one that a ray moved by an infinitesimal amount would
+    /// hit, so its side is right at silhouettes, too. **A ray that touches a mesh may hit by "closed" where `count`
+    /// says 0.**
     ///
     /// A ray with NaN or a direction of zero misses; with `check=True` ValueError counts such rays.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, rule="closed", out=None, threads=None, check=false))]
+    #[pyo3(signature = (
+        rays, directions=None, *, t_min=None, t_max=None, want=None, rule="closed", out=None, threads=None,
+        check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn cast<'py>(
         &self,
@@ -98,9 +102,11 @@ impl Queries {
         call.cast(py, target.asked(), want, target.of_mesh(&want)?)
     }
 
-    /// For each ray, True if it hits anything: a bool array in the shape of the rays. Faster than `cast`, whose arguments it
-    /// has. `out` is a bool array to write to.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, rule="closed", out=None, threads=None, check=false))]
+    /// For each ray, True if it hits anything: a bool array in the shape of the rays. Faster than `cast`, whose
+    /// arguments it has. `out` is a bool array to write to.
+    #[pyo3(signature = (
+        rays, directions=None, *, t_min=None, t_max=None, rule="closed", out=None, threads=None, check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn occluded<'py>(
         &self,
@@ -137,9 +143,11 @@ impl Queries {
 
     /// The number of hits of each ray: an int32 array in the shape of the rays.
     ///
-    /// **A ray through an edge or a corner crosses the surface once there, or never and twice where it only touches it**
-    /// (`rule="half-open"`): the parity is right. Hits count where t_min < t <= t_max.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None, check=false))]
+    /// **A ray through an edge or a corner crosses the surface once there, or never and twice where it only touches
+    /// it** (`rule="half-open"`): the parity is right. Hits count where t_min < t <= t_max.
+    #[pyo3(signature = (
+        rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None, check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn count<'py>(
         &self,
@@ -159,7 +167,10 @@ impl Queries {
     }
 
     /// For each ray, True if it has at least `hits` hits. Stops there, so it is faster than `count`.
-    #[pyo3(signature = (hits, rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None, check=false))]
+    #[pyo3(signature = (
+        hits, rays, directions=None, *, t_min=None, t_max=None, rule="half-open", out=None, threads=None,
+        check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn at_least<'py>(
         &self,
@@ -182,10 +193,13 @@ impl Queries {
     /// All hits of rays, nearest first, in lists without gaps.
     ///
     /// The answer has a row for each hit, in the columns of `want` (t, primitive, instance, uv), and two columns more:
-    /// `offsets`, int64, one longer than the rays: the hits of ray i (in C order) are rows `offsets[i]` to `offsets[i + 1]`;
-    /// and `ray`, int64, the ray of each row. `max_hits` keeps the nearest so many of each ray. Arguments and rule are those
-    /// of `count`.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, want=None, max_hits=None, rule="half-open", threads=None, check=false))]
+    /// `offsets`, int64, one longer than the rays: the hits of ray i (in C order) are rows `offsets[i]` to `offsets[i
+    /// + 1]`; and `ray`, int64, the ray of each row. `max_hits` keeps the nearest so many of each ray. Arguments and
+    /// rule are those of `count`.
+    #[pyo3(signature = (
+        rays, directions=None, *, t_min=None, t_max=None, want=None, max_hits=None, rule="half-open",
+        threads=None, check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn all_hits<'py>(
         &self,
@@ -207,9 +221,12 @@ impl Queries {
 
     /// The sum of a number of each triangle over all hits of each ray, float32: the exact sum, rounded once.
     ///
-    /// `attribute` is `(f,)`, a number for each triangle; a world takes those of one instance after the other. Without it a
-    /// mesh uses its own.
-    #[pyo3(signature = (rays, directions=None, *, t_min=None, t_max=None, attribute=None, rule="half-open", out=None, threads=None, check=false))]
+    /// `attribute` is `(f,)`, a number for each triangle; a world takes those of one instance after the other.
+    /// Without it a mesh uses its own.
+    #[pyo3(signature = (
+        rays, directions=None, *, t_min=None, t_max=None, attribute=None, rule="half-open", out=None,
+        threads=None, check=false
+    ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn sum_along<'py>(
         &self,

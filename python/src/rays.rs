@@ -127,7 +127,8 @@ impl<'py> Rays<'py> {
                 (Source::Rows(rows, range), leading)
             }
             Some(directions) => {
-                let (origins, directions, leading) = pair([rays, directions], ["origins", "directions"], each)?;
+                let (origins, directions, leading) =
+                    pair([rays, directions], ["origins", "directions"], each)?;
                 (Source::Pairs(origins, directions, range), leading)
             }
         };

@@ -78,7 +78,8 @@ impl Target {
     /// # Errors
     /// If it has none.
     pub fn attributes(&self) -> PyResult<&[f32]> {
-        let missing = || PyValueError::new_err("the mesh has no attributes; pass attributes= when it is made");
+        let missing =
+            || PyValueError::new_err("the mesh has no attributes; pass attributes= when it is made");
         self.mesh()?.attributes.as_ref().map(|attributes| attributes.as_slice()).ok_or_else(missing)
     }
 

@@ -87,11 +87,8 @@ impl Threads {
         if threads.is_some_and(|threads| !(1..=1 << 16).contains(&threads)) {
             return Err(PyValueError::new_err("threads must be 1 to 65536, or None for all processors"));
         }
-        let pool = if items <= few {
-            None
-        } else {
-            Some(Pools::current().get(threads.unwrap_or_else(usual))?)
-        };
+        let pool =
+            if items <= few { None } else { Some(Pools::current().get(threads.unwrap_or_else(usual))?) };
         Ok(Self { pool })
     }
 

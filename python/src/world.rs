@@ -5,10 +5,11 @@ use crate::mesh::Mesh;
 use crate::queries::Queries;
 use crate::target::{Target, WorldTarget};
 use crate::threads::Threads;
-use numpy::PyUntypedArrayMethods;
 use glam::DMat4;
+use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
 use raystream_rays::query;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -64,13 +65,20 @@ impl World {
     #[new]
     fn new() -> PyResult<PyClassInitializer<Self>> {
         let nothing: [(query::Mesh, DMat4); 0] = [];
-        let world = query::World::build(&nothing).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        Ok(PyClassInitializer::from(Queries::of(Target::World(WorldTarget { world, triangles: 0 }))).add_subclass(Self { instances: Mutex::default() }))
+        let world =
+            query::World::build(&nothing).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(PyClassInitializer::from(Queries::of(Target::World(WorldTarget { world, triangles: 0 })))
+            .add_subclass(Self { instances: Mutex::default() }))
     }
 
-    /// Adds an instance of a mesh, moved by `transform`, `(4, 4)` or `(3, 4)`, the identity by default. Returns its number.
+    /// Adds an instance of a mesh, moved by `transform`, `(4, 4)` or `(3, 4)`, the identity by default. Returns its
+    /// number.
     #[pyo3(signature = (mesh, transform=None))]
-    fn add(slf: &Bound<'_, Self>, mesh: &Bound<'_, Mesh>, transform: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
+    fn add(
+        slf: &Bound<'_, Self>,
+        mesh: &Bound<'_, Mesh>,
+        transform: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<usize> {
         let transform = match transform {
             Some(transform) => transforms(transform)?.first().copied().unwrap_or(DMat4::IDENTITY),
             None => DMat4::IDENTITY,
@@ -82,7 +90,11 @@ impl World {
     }
 
     /// Moves instances: `ids` is a number or `(k,)` of them, `transforms` `(4, 4)` or `(k, 4, 4)`.
-    fn set_transforms(slf: &Bound<'_, Self>, ids: &Bound<'_, PyAny>, transforms: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set_transforms(
+        slf: &Bound<'_, Self>,
+        ids: &Bound<'_, PyAny>,
+        transforms: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let (ids, transforms) = (integers(ids, "ids")?, self::transforms(transforms)?);
         let ids = ids.as_slice()?;
         if ids.len() != transforms.len() {
@@ -93,7 +105,9 @@ impl World {
             let mut instances = slf.get().locked();
             for (&id, &transform) in ids.iter().zip(&transforms) {
                 let instance = usize::try_from(id).ok().and_then(|id| instances.get_mut(id));
-                instance.ok_or_else(|| PyIndexError::new_err(format!("there is no instance {id}")))?.transform = transform;
+                instance
+                    .ok_or_else(|| PyIndexError::new_err(format!("there is no instance {id}")))?
+                    .transform = transform;
             }
         }
         Self::rebuild(slf)
@@ -105,10 +119,30 @@ impl World {
 
     fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Py<Self>> {
         let py = slf.py();
-        let copy = |instance: &Instance| Instance { mesh: instance.mesh.clone_ref(py), transform: instance.transform };
+        let copy = |instance: &Instance| Instance {
+            mesh: instance.mesh.clone_ref(py),
+            transform: instance.transform,
+        };
         let instances = slf.get().locked().iter().map(copy).collect();
         let queries = Queries::of(slf.as_super().get().target()?);
         Py::new(py, PyClassInitializer::from(queries).add_subclass(Self { instances: Mutex::new(instances) }))
+    }
+
+    /// The class, nothing to make it of, and its instances: pickling keeps meshes that are shared.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyTuple>> {
+        let py = slf.py();
+        let instances = PyList::empty(py);
+        for Instance { mesh, transform } in slf.get().locked().iter() {
+            instances.append((mesh.clone_ref(py), transform.transpose().to_cols_array_2d()))?;
+        }
+        PyTuple::new(py, [slf.get_type().into_any(), PyTuple::empty(py).into_any(), instances.into_any()])
+    }
+
+    fn __setstate__(slf: &Bound<'_, Self>, instances: Vec<(Py<Mesh>, [[f64; 4]; 4])>) -> PyResult<()> {
+        let instance =
+            |(mesh, rows)| Instance { mesh, transform: DMat4::from_cols_array_2d(&rows).transpose() };
+        *slf.get().locked() = instances.into_iter().map(instance).collect();
+        Self::rebuild(slf)
     }
 
     fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Py<Self>> {
@@ -122,7 +156,9 @@ fn transforms(given: &Bound<'_, PyAny>) -> PyResult<Vec<DMat4>> {
     let rows = match *given.shape() {
         [rows, 4] | [_, rows, 4] if rows == 3 || rows == 4 => rows,
         ref shape => {
-            return Err(PyValueError::new_err(format!("transforms have the shape {shape:?}; it must be (.., 4, 4)")));
+            return Err(PyValueError::new_err(format!(
+                "transforms have the shape {shape:?}; it must be (.., 4, 4)"
+            )));
         }
     };
     let matrix = |given: &[[f64; 4]]| {
