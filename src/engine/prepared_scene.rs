@@ -1,7 +1,7 @@
 //! A scene with its tree and the units that trace it.
 
 use super::alpha_filter::filter;
-use super::units::Device;
+use super::gpu::Device;
 use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
 use crate::render::recursion::{Recursion, Shader};
