@@ -147,7 +147,7 @@ mod tests {
     /// A number with few or many bits, of any exponent that occurs.
     fn number(i: u32) -> f64 {
         let bits = f64::from(mix(i) as i32) * f64::from(mix(i ^ 0x5555)) + f64::from(mix(i ^ 0x77) & 1);
-        let bits = if mix(i ^ 0x1234) % 3 == 0 { (mix(i) % 8) as f64 - 4.0 } else { bits };
+        let bits = if mix(i ^ 0x1234).is_multiple_of(3) { (mix(i) % 8) as f64 - 4.0 } else { bits };
         bits * f64::powi(2.0, (mix(i ^ 0xabc) % 80) as i32 - 60)
     }
 
@@ -161,7 +161,7 @@ mod tests {
                 sum.add_triple(a, b, c);
                 exact += rational(a) * rational(b) * rational(c);
                 // What cancels leaves zeros.
-                if mix(i) % 2 == 0 {
+                if mix(i).is_multiple_of(2) {
                     sum.add_triple(-a, c, b);
                     exact -= rational(a) * rational(b) * rational(c);
                 }

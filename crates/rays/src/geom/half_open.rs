@@ -76,6 +76,7 @@ impl HalfOpenRay {
     /// A ray. Crossings count if `t_min < t <= t_max`; a negative `t_min` counts as 0.
     ///
     /// Coordinates must be finite, none but 0 smaller than 2^-200 and none greater than 2^200.
+    #[inline]
     pub fn new(origin: DVec3, direction: DVec3, t_min: f64, t_max: f64) -> Self {
         let direction = Exact3 { high: direction, low: DVec3::ZERO };
         Self { origin, direction, t_min: t_min.max(0.0), t_max, open: false }
@@ -87,42 +88,72 @@ impl HalfOpenRay {
     }
 
     /// The crossing of a triangle, if there is one. Degenerate triangles are never crossed.
+    #[inline]
     pub fn crossing(&self, corners: [Vec3; 3]) -> Option<Crossing> {
-        let corners = corners.map(|corner| Exact3::difference(corner.as_dvec3(), self.origin));
-        let [a, b, c] = corners;
-        let u = Determinant::of(self.direction.high, c.high, a.high);
-        let v = Determinant::of(self.direction.high, a.high, b.high);
-        let w = Determinant::of(self.direction.high, b.high, c.high);
-        if [u, v, w].iter().any(Determinant::is_positive) && [u, v, w].iter().any(Determinant::is_negative) {
+        let [p, q, r] = [corners[0].as_dvec3(), corners[1].as_dvec3(), corners[2].as_dvec3()];
+        let (a, b, c) = (p - self.origin, q - self.origin, r - self.origin);
+        let d = self.direction.high;
+        // With edges in place of the second corners the determinants are the same, and their errors smaller.
+        let u = Determinant::of(d, c, p - r);
+        let v = Determinant::of(d, a, q - p);
+        let w = Determinant::of(d, b, r - q);
+        let positive = u.is_positive() || v.is_positive() || w.is_positive();
+        let negative = u.is_negative() || v.is_negative() || w.is_negative();
+        if positive && negative {
             return None;
         }
-        let side = self.side(&u, &c, &a);
-        if side == 0 || self.side(&v, &a, &b) != side || self.side(&w, &b, &c) != side {
-            return None;
-        }
-        let volume = Determinant::of(a.high, b.high, c.high);
-        let facing = Determinant {
-            value: u.value + v.value + w.value,
-            error: u.error + v.error + w.error + 2.0 * UNIT * (u.value.abs() + v.value.abs() + w.value.abs()),
+        let certain = |x: &Determinant| x.is_positive() || x.is_negative();
+        let side = if certain(&u) && certain(&v) && certain(&w) {
+            if positive { 1 } else { -1 }
+        } else {
+            self.exact_side(corners, &u, &v, &w)?
         };
+        let volume = Determinant::of(a, q - p, r - p);
+        let facing = Determinant::of(d, q - p, r - p);
         let t = volume.value / facing.value;
         let error = (volume.error + t.abs() * facing.error) / (facing.value.abs() - facing.error);
-        // NaN fails the comparison, too.
-        let precise = error >= 0.0 && error <= t.abs() * LARGEST_ERROR;
         let (low, high) = (t - 2.0 * error, t + 2.0 * error);
-        let weights = |facing: f64, t: f64| Crossing {
+        // NaN fails the comparisons.
+        let precise = error >= 0.0 && error <= t.abs() * LARGEST_ERROR;
+        let sum = u.value + v.value + w.value;
+        let crossing = |sum: f64, t: f64| Crossing {
             t,
-            u: (u.value / facing).clamp(0.0, 1.0) as f32,
-            v: (v.value / facing).clamp(0.0, 1.0) as f32,
+            u: (u.value / sum).clamp(0.0, 1.0) as f32,
+            v: (v.value / sum).clamp(0.0, 1.0) as f32,
             front: side < 0,
         };
         if precise && low > self.t_min && high < self.t_max {
-            return Some(weights(facing.value, t));
+            return Some(crossing(sum, t));
         }
-        if precise && (high < self.t_min || low > self.t_max) {
+        if error >= 0.0 && (high < self.t_min || low > self.t_max) {
             return None;
         }
-        let volume = determinant(&a, &b, &c);
+        self.exact_t(corners, side).map(|(facing, t)| crossing(facing, t))
+    }
+
+    /// The side from which the moved ray crosses a triangle, where rounding errors leave the sign of a determinant open.
+    #[cold]
+    #[inline(never)]
+    fn exact_side(
+        &self,
+        corners: [Vec3; 3],
+        u: &Determinant,
+        v: &Determinant,
+        w: &Determinant,
+    ) -> Option<i32> {
+        let [a, b, c] = corners.map(|corner| Exact3::difference(corner.as_dvec3(), self.origin));
+        let side = self.side(u, &c, &a);
+        (side != 0 && self.side(v, &a, &b) == side && self.side(w, &b, &c) == side).then_some(side)
+    }
+
+    /// The product of direction and normal, and `t`, of a triangle that the moved ray's line crosses; nothing if `t` is
+    /// out of range.
+    #[cold]
+    #[inline(never)]
+    fn exact_t(&self, corners: [Vec3; 3], side: i32) -> Option<(f64, f64)> {
+        let corners = corners.map(|corner| Exact3::difference(corner.as_dvec3(), self.origin));
+        let [a, b, c] = &corners;
+        let volume = determinant(a, b, c);
         if volume.sign() != side {
             // Behind the origin, or at it.
             return None;
@@ -134,7 +165,7 @@ impl HalfOpenRay {
             sign => sign != side,
         };
         let t = (volume.value() / facing.value()).clamp(self.t_min, self.t_max);
-        (after_start && before_end).then(|| weights(facing.value(), t))
+        (after_start && before_end).then(|| (facing.value(), t))
     }
 
     /// True if the first of two triangles that the ray crosses is crossed first. Where both are crossed at one point,
@@ -211,13 +242,10 @@ struct Determinant {
 impl Determinant {
     #[inline]
     fn of(a: DVec3, b: DVec3, c: DVec3) -> Self {
-        let product = |axis: usize| {
-            let (i, k) = ((axis + 1) % 3, (axis + 2) % 3);
-            let (plus, minus) = (b[i] * c[k], b[k] * c[i]);
-            (a[axis] * (plus - minus), a[axis].abs() * (plus.abs() + minus.abs()))
-        };
-        let [x, y, z] = [product(0), product(1), product(2)];
-        Self { value: x.0 + y.0 + z.0, error: ERRORS * (x.1 + y.1 + z.1) }
+        let (plus, minus) =
+            (DVec3::new(b.y * c.z, b.z * c.x, b.x * c.y), DVec3::new(b.z * c.y, b.x * c.z, b.y * c.x));
+        let sizes = plus.abs() + minus.abs();
+        Self { value: a.dot(plus - minus), error: ERRORS * a.abs().dot(sizes) }
     }
 
     #[inline]

@@ -50,10 +50,17 @@ impl Target<'_> {
         mut take: impl FnMut(Candidate, &ExactRay, &Crossing) -> f32,
     ) {
         let mut traced = RAYS.take();
-        traced.clear();
-        traced.extend((first..first + len).map(|i| rays.prepare_exact(i, self.center).ray));
+        let direct = rays.fill(first, len, self.center, &mut traced);
+        if !direct {
+            traced.clear();
+            traced.extend((first..first + len).map(|i| rays.prepare_exact(i, self.center).ray));
+        }
         self.visit_candidates(&traced, |candidate| {
-            let ray = rays.prepare_exact(first + candidate.ray, self.center);
+            let ray = if direct {
+                ExactRay::of(&traced[candidate.ray])
+            } else {
+                rays.prepare_exact(first + candidate.ray, self.center)
+            };
             match ray.exact.crossing(candidate.corners) {
                 Some(crossing) => take(candidate, &ray, &crossing),
                 None => f32::INFINITY,

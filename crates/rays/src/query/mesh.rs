@@ -1,7 +1,8 @@
 //! A triangle mesh that answers ray queries.
 
 use super::closed::{OpenMesh, open_edges};
-use super::nearest::{NearestPoint, nearest_point};
+use super::nearest::NearestPoint;
+use super::nearest_lanes::nearest_of_each;
 use super::points::Points;
 use super::shares::answers;
 use super::target::{RayQueries, Target};
@@ -347,7 +348,9 @@ impl Mesh {
     /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn nearest_point(&self, point: impl Into<[f32; 3]>, max_distance: f32) -> Option<NearestPoint> {
-        nearest_point(self.bvh(), Vec3::from_array(point.into()), max_distance)
+        let (point, mut nearest) = (Vec3::from_array(point.into()).as_dvec3(), [None]);
+        nearest_of_each(self.bvh(), &[point], max_distance, &mut nearest);
+        nearest[0]
     }
 
     /// The geometric normal of a hit, of length 1: that of the triangle's plane, on the side from which its

@@ -48,6 +48,7 @@ mod columns;
 mod crossings;
 mod mesh;
 mod nearest;
+mod nearest_lanes;
 mod points;
 mod rays;
 mod shares;

@@ -44,12 +44,13 @@ struct Entry {
 }
 
 /// The nearest point so far.
-struct Best {
-    squared: f64,
+pub(super) struct Best {
+    pub squared: f64,
     position: DVec3,
     u: f64,
     v: f64,
-    primitive: Option<u32>,
+    /// Its triangle's corners and primitive id.
+    pub triangle: Option<([Vec3; 3], u32)>,
 }
 
 impl NearestPoint {
@@ -59,11 +60,6 @@ impl NearestPoint {
     }
 }
 
-/// [`nearest`] of a point in `f32`.
-pub fn nearest_point(bvh: &Bvh, point: Vec3, max_distance: f32) -> Option<NearestPoint> {
-    nearest(bvh, point.as_dvec3(), max_distance)
-}
-
 /// The nearest point of a tree's triangles at most `max_distance` away; of equally near ones the one of the lowest
 /// primitive id. Computed in `f64`. The answer does not depend on the shape of the tree.
 pub fn nearest(bvh: &Bvh, point: DVec3, max_distance: f32) -> Option<NearestPoint> {
@@ -71,8 +67,7 @@ pub fn nearest(bvh: &Bvh, point: DVec3, max_distance: f32) -> Option<NearestPoin
     if !in_range || max_distance.is_nan() || max_distance < 0.0 || bvh.is_empty() {
         return None;
     }
-    let squared = f64::from(max_distance) * f64::from(max_distance);
-    let mut best = Best { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, primitive: None };
+    let mut best = Best::within(max_distance);
     let mut stack = STACK.take();
     stack.clear();
     stack.push(Entry { instance: TOP, child: Child::ROOT, squared: 0.0 });
@@ -82,14 +77,7 @@ pub fn nearest(bvh: &Bvh, point: DVec3, max_distance: f32) -> Option<NearestPoin
         }
     }
     STACK.set(stack);
-    best.primitive.map(|primitive| NearestPoint {
-        position: best.position.as_vec3(),
-        position64: best.position,
-        distance: best.squared.sqrt() as f32,
-        u: best.u as f32,
-        v: best.v as f32,
-        primitive,
-    })
+    best.answer()
 }
 
 /// At most the squared distances of a point from the boxes of a node, by slot.
@@ -110,7 +98,7 @@ fn squared_distances(faces: &[[[f32; WIDTH]; 3]; 2], point: DVec3) -> [f32; WIDT
 }
 
 /// The nearest `f32` that are not greater, and not less, than a number.
-fn around(number: f64) -> (f32, f32) {
+pub(super) fn around(number: f64) -> (f32, f32) {
     let near = number as f32;
     match f64::from(near).total_cmp(&number) {
         Ordering::Less => (near, near.next_up()),
@@ -120,6 +108,23 @@ fn around(number: f64) -> (f32, f32) {
 }
 
 impl Best {
+    /// None yet, and none farther than `max_distance`.
+    pub fn within(max_distance: f32) -> Self {
+        let squared = f64::from(max_distance) * f64::from(max_distance);
+        Self { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, triangle: None }
+    }
+
+    pub fn answer(&self) -> Option<NearestPoint> {
+        self.triangle.map(|(_, primitive)| NearestPoint {
+            position: self.position.as_vec3(),
+            position64: self.position,
+            distance: self.squared.sqrt() as f32,
+            u: self.u as f32,
+            v: self.v as f32,
+            primitive,
+        })
+    }
+
     /// Visits a child of the tree of an instance, or of the tree itself: [`TOP`].
     fn visit_child(&mut self, bvh: &Bvh, point: DVec3, instance: u32, child: Child, stack: &mut Vec<Entry>) {
         let instances = bvh.instances();
@@ -155,13 +160,13 @@ impl Best {
         stack[first..].sort_unstable_by(|a, b| b.squared.total_cmp(&a.squared));
     }
 
-    fn visit(&mut self, point: DVec3, corners: [Vec3; 3], primitive: u32) {
-        let corners = corners.map(|corner| corner.as_dvec3());
-        let (position, u, v) = nearest_on_triangle(point, corners);
+    /// Takes the nearest point of a triangle if it is nearer, or as near and of a lower primitive id.
+    pub fn visit(&mut self, point: DVec3, corners: [Vec3; 3], primitive: u32) {
+        let (position, u, v) = nearest_on_triangle(point, corners.map(|corner| corner.as_dvec3()));
         let squared = position.distance_squared(point);
-        let is_first = self.primitive.is_none_or(|best| primitive < best);
+        let is_first = self.triangle.is_none_or(|(_, best)| primitive < best);
         if squared < self.squared || squared == self.squared && is_first {
-            *self = Self { squared, position, u, v, primitive: Some(primitive) };
+            *self = Self { squared, position, u, v, triangle: Some((corners, primitive)) };
         }
     }
 }

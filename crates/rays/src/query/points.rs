@@ -3,9 +3,10 @@
 use super::columns::Divide;
 use super::crossings::box_ray;
 use super::nearest::{NearestPoint, nearest};
+use super::nearest_lanes::nearest_of_each;
 use super::shares::in_parts;
 use super::target::Target;
-use crate::geom::{HalfOpenRay, is_on_triangle};
+use crate::geom::{Aabb, HalfOpenRay, is_on_triangle};
 use crate::stream::{MISS, Ray};
 use glam::{DVec3, Vec3};
 
@@ -148,15 +149,36 @@ impl Target<'_> {
     ) {
         columns.check(points.len());
         in_parts(points.len(), columns.reborrow(), POINTS_AT_ONCE, |first, len, mut columns| {
-            for row in 0..len {
-                let nearest = self.nearest(points.get(first + row), max_distance);
+            for (row, nearest) in self.nearest_of_part(points, first, len, max_distance) {
                 columns.write(row, self, nearest);
             }
         });
     }
 
-    fn nearest(&self, point: DVec3, max_distance: f32) -> Option<NearestPoint> {
-        nearest(self.tracers.bvh(), point - self.center, max_distance)
+    /// The nearest points of consecutive points, each with the number of its row, in some order.
+    fn nearest_of_part(
+        &self,
+        points: &Points<'_>,
+        first: usize,
+        len: usize,
+        max_distance: f32,
+    ) -> impl Iterator<Item = (usize, Option<NearestPoint>)> {
+        let bvh = self.tracers.bvh();
+        let point = |row: usize| points.get(first + row) - self.center;
+        let bounds = bvh.bounds();
+        let mut order: Vec<(u32, u32)> =
+            (0..len).map(|row| (place_on_curve(&bounds, point(row).as_vec3()), row as u32)).collect();
+        order.sort_unstable();
+        let sorted: Vec<DVec3> = order.iter().map(|&(_, row)| point(row as usize)).collect();
+        let mut answers = vec![None; len];
+        if bvh.instances().is_empty() {
+            nearest_of_each(bvh, &sorted, max_distance, &mut answers);
+        } else {
+            for (answer, point) in answers.iter_mut().zip(sorted) {
+                *answer = nearest(bvh, point, max_distance);
+            }
+        }
+        order.into_iter().zip(answers).map(|((_, row), answer)| (row as usize, answer))
     }
 
     /// For each point, true if it lies inside, or on the surface.
@@ -173,13 +195,12 @@ impl Target<'_> {
         assert_eq!(points.len(), distances.len(), "one distance per point");
         in_parts(points.len(), distances, POINTS_AT_ONCE, |first, len, distances| {
             let sides = self.sides(points, first, len);
-            for (row, (distance, side)) in distances.iter_mut().zip(sides).enumerate() {
-                let nearest = || self.nearest(points.get(first + row), f32::INFINITY);
-                let found = || nearest().map_or(f32::INFINITY, |nearest| nearest.distance);
-                *distance = match side {
-                    Side::Inside => -found(),
+            for (row, nearest) in self.nearest_of_part(points, first, len, f32::INFINITY) {
+                let distance = nearest.map_or(f32::INFINITY, |nearest| nearest.distance);
+                distances[row] = match sides[row] {
+                    Side::Inside => -distance,
                     Side::Surface => 0.0,
-                    Side::Outside => found(),
+                    Side::Outside => distance,
                 };
             }
         });
@@ -214,6 +235,20 @@ impl Target<'_> {
 fn away_from(middle: DVec3, point: DVec3) -> DVec3 {
     let away = DVec3::new(1.0, 0.71875, 0.5625);
     DVec3::select((point - middle).cmplt(DVec3::ZERO), -away, away)
+}
+
+/// The place of a point on a curve that fills a box (Morton 1966): neighbours on the curve are neighbours in space.
+fn place_on_curve(bounds: &Aabb, point: Vec3) -> u32 {
+    let share = (point - bounds.min) / (bounds.max - bounds.min).max(Vec3::splat(f32::MIN_POSITIVE));
+    // Casts saturate, and NaN becomes 0.
+    let cell = (share * 1024.0).to_array().map(|at| (at as u32).min(1023));
+    let spread = |mut x: u32| {
+        x = (x | x << 16) & 0x0300_00ff;
+        x = (x | x << 8) & 0x0300_f00f;
+        x = (x | x << 4) & 0x030c_30c3;
+        (x | x << 2) & 0x0924_9249
+    };
+    spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
 
 /// Position of a point relative to a closed mesh.

@@ -96,6 +96,21 @@ pub(super) struct ExactRay {
     pub to_ray: f64,
 }
 
+impl ExactRay {
+    /// Of a ray that is traced as it is.
+    #[inline]
+    pub fn of(ray: &Ray) -> Self {
+        let (origin, direction) = (Vec3::from_array(ray.origin), Vec3::from_array(ray.direction));
+        let exact = HalfOpenRay::new(
+            origin.as_dvec3(),
+            direction.as_dvec3(),
+            f64::from(ray.t_min),
+            f64::from(ray.t_max),
+        );
+        Self { ray: *ray, exact, t_scale: 1.0, to_ray: 1.0 }
+    }
+}
+
 /// Smallest and largest size of a component of a direction that is traced as it is.
 const UNSCALED: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
 
@@ -197,6 +212,31 @@ impl Rays<'_> {
             ray.t_max = (f64::from(ray.t_max) * scale) as f32;
         }
         PreparedRay { ray, t_scale: 1.0 / scale }
+    }
+
+    /// Fills `traced` with consecutive rays that are traced as they are; false if some are not `f32` rays in range, or
+    /// must be moved by a centre.
+    pub(super) fn fill(&self, first: usize, len: usize, center: DVec3, traced: &mut Vec<Ray>) -> bool {
+        traced.clear();
+        if center != DVec3::ZERO {
+            return false;
+        }
+        let ray =
+            |origin, direction, &Range { t_min, t_max }: &Range| Ray { origin, t_min, direction, t_max };
+        match self {
+            Self::Rays(rays) => traced.extend_from_slice(&rays[first..first + len]),
+            Self::Rows(rows, range) => traced.extend(
+                rows[first..first + len]
+                    .iter()
+                    .map(|&[x, y, z, dx, dy, dz]| ray([x, y, z], [dx, dy, dz], range)),
+            ),
+            Self::Pairs(origins, directions, range) => {
+                let pairs = origins[first..first + len].iter().zip(&directions[first..first + len]);
+                traced.extend(pairs.map(|(&origin, &direction)| ray(origin, direction, range)));
+            }
+            _ => return false,
+        }
+        traced.iter().all(|ray| !Self::must_scale(ray))
     }
 
     /// A ray for the half-open test, relative to the mesh's centre.

@@ -184,6 +184,8 @@ impl Target<'_> {
             if rays.iter().all(|ray| !Rays::must_scale(ray)) {
                 return self.tracers.closest_here(rays, hits);
             }
+        } else if rays.fill(first, hits.len(), self.center, buffer) {
+            return self.tracers.closest_here(buffer, hits);
         }
         buffer.clear();
         let mut scaled = false;
@@ -236,6 +238,9 @@ impl Target<'_> {
             let unscaled = rays.as_rays(self.center).map(|rays| &rays[first..first + len]);
             match unscaled.filter(|rays| rays.iter().all(|ray| !Rays::must_scale(ray))) {
                 Some(rays) => self.tracers.occluded_here(rays, occluded),
+                None if rays.fill(first, len, self.center, &mut buffer) => {
+                    self.tracers.occluded_here(&buffer, occluded);
+                }
                 None => {
                     buffer.clear();
                     buffer.extend((first..first + len).map(|i| rays.prepare(i, self.center).ray));

@@ -9,14 +9,14 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
 /// A mesh of about size 2 around the origin.
-struct Shape {
-    name: &'static str,
-    positions: Vec<DVec3>,
-    triangles: Vec<[u32; 3]>,
+pub(super) struct Shape {
+    pub name: &'static str,
+    pub positions: Vec<DVec3>,
+    pub triangles: Vec<[u32; 3]>,
 }
 
 /// A box of six squares, each divided into `2 * edge * edge` triangles.
-fn cuboid(name: &'static str, edge: u32) -> Shape {
+pub(super) fn cuboid(name: &'static str, edge: u32) -> Shape {
     let (mut positions, mut triangles, mut ids) = (Vec::new(), Vec::new(), HashMap::new());
     for side in 0..6usize {
         let axis = side / 2;
@@ -45,7 +45,7 @@ fn cuboid(name: &'static str, edge: u32) -> Shape {
 }
 
 /// An icosahedron whose triangles are divided `times` times, projected onto a sphere with bumps.
-fn sphere(name: &'static str, times: usize, bumps: f64) -> Shape {
+pub(super) fn sphere(name: &'static str, times: usize, bumps: f64) -> Shape {
     let g = (1.0 + 5.0f64.sqrt()) / 2.0;
     let mut positions: Vec<DVec3> = (0..12)
         .map(|i| {
@@ -127,7 +127,7 @@ fn aimed(
 ) -> Vec<[f64; 6]> {
     let row = |i: u32| {
         let to = target(corners, &shape.triangles, i / 2);
-        let from = center + direction(i) * size * if i % 2 == 0 { 4.0 } else { 0.05 };
+        let from = center + direction(i) * size * if i.is_multiple_of(2) { 4.0 } else { 0.05 };
         let d = to - from;
         [from.x, from.y, from.z, d.x, d.y, d.z]
     };

@@ -135,7 +135,7 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
             let (rays, ids, children, blocks) = unsafe {
                 let ids = both(pair, |i| *ids.add(i));
                 let children = both(pair, |i| *children.add(i));
-                let blocks: [Child; 2] = both(children, |child| bytemuck::cast(child));
+                let blocks: [Child; 2] = both(children, bytemuck::cast);
                 (both(ids, |id| &*sub.rays.byte_add(id as usize)), ids, children, blocks)
             };
             let [first, second] = both(blocks, |child| (1 << child.triangles()) - 1);
