@@ -79,7 +79,7 @@ pub struct Threads {
 }
 
 impl Threads {
-    /// For a call over `items`, of which `few` or fewer stay on the calling thread.
+    /// For a call over `items`; up to `few` stay on the calling thread.
     ///
     /// # Errors
     /// For no thread, or more than 65536.
