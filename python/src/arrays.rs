@@ -135,14 +135,13 @@ pub fn reserved<T>(items: usize) -> PyResult<Vec<T>> {
     Ok(vector)
 }
 
-/// As many zeros.
+/// As many zeros. The system provides their pages where they are first written, by the threads that do so.
 ///
 /// # Errors
-/// As for [`reserved`].
-pub fn zeros<T: Copy + Default>(items: usize) -> PyResult<Vec<T>> {
-    let mut vector = reserved(items)?;
-    vector.resize(items, T::default());
-    Ok(vector)
+/// MemoryError if the system does not give it.
+pub fn zeros<T: bytemuck::Zeroable>(items: usize) -> PyResult<Vec<T>> {
+    let zeros = bytemuck::allocation::try_zeroed_slice_box(items);
+    zeros.map(Vec::from).map_err(|()| PyMemoryError::new_err(format!("no memory for {items} answers")))
 }
 
 /// An array of numbers in the shape `leading`, with one more dimension where each answer has several.

@@ -5,7 +5,7 @@ use crate::arrays::{array, check_memory, reserved};
 use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
 use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
 use crate::rays::{Floats, Rays, part_of, rays_of};
-use crate::threads::{FEW, Threads};
+use crate::threads::{FEW, FIRST_POINTS, FIRST_RAYS, Threads};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use raystream_rays::query::{self, HitLists, Points, RayQueries, Rule, WorldHit};
@@ -54,7 +54,7 @@ impl<'py> RayCall<'_, 'py> {
         let out = self.out.map(Out::new).transpose()?;
         let mut memory = HitMemory::new(&want, out.as_ref(), rays.leading())?;
         let (mut columns, all) = (memory.columns(mesh)?, rays.all()?);
-        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
             let mut columns = first_hits(&mut columns, block.len());
             asked.cast(&rays_of(&all, block), rule, &mut columns);
             Ok(())
@@ -72,7 +72,7 @@ impl<'py> RayCall<'_, 'py> {
         check_memory("an answer", rays.len(), size_of::<T>())?;
         let mut answer = single::<T>(self.out, rays.leading())?;
         let (column, all) = (answer.slice_mut()?, rays.all()?);
-        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
             ask(&rays_of(&all, block.clone()), rule, &mut column[block]);
             Ok(())
         })?;
@@ -125,7 +125,7 @@ impl<'py> RayCall<'_, 'py> {
         let (rays, rule, most) = (&self.rays, self.rule, most.unwrap_or(usize::MAX));
         check_memory("an answer", rays.len(), size_of::<i64>())?;
         let (all, mut lists) = (rays.all()?, Lists::new(want, rays.len())?);
-        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), |block| {
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
             let first = block.start;
             let found = asked.list_hits(&rays_of(&all, block), rule, most);
             lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)
@@ -212,11 +212,16 @@ impl<'a, 'py> PointCall<'a, 'py> {
         let out = self.out.map(Out::new).transpose()?;
         let mut memory = PointMemory::new(&want, out.as_ref(), &leading)?;
         let mut columns = memory.columns()?;
-        Threads::new(self.threads, points.len(), FEW)?.in_blocks(py, points.len(), |block| {
-            let mut columns = first_points(&mut columns, block.len());
-            asked.nearest_points(&part_of(&points, block), most, &mut columns);
-            Ok(())
-        })?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(
+            py,
+            points.len(),
+            FIRST_POINTS,
+            |block| {
+                let mut columns = first_points(&mut columns, block.len());
+                asked.nearest_points(&part_of(&points, block), most, &mut columns);
+                Ok(())
+            },
+        )?;
         memory.into_hits(py, &leading)
     }
 
@@ -230,10 +235,15 @@ impl<'a, 'py> PointCall<'a, 'py> {
         check_memory("an answer", points.len(), size_of::<T>())?;
         let mut answer = single::<T>(self.out, &leading)?;
         let column = answer.slice_mut()?;
-        Threads::new(self.threads, points.len(), FEW)?.in_blocks(py, points.len(), |block| {
-            ask(&part_of(&points, block.clone()), &mut column[block]);
-            Ok(())
-        })?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(
+            py,
+            points.len(),
+            FIRST_POINTS,
+            |block| {
+                ask(&part_of(&points, block.clone()), &mut column[block]);
+                Ok(())
+            },
+        )?;
         answer.into_array(py, &leading, 1)
     }
 }

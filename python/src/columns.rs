@@ -7,9 +7,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyMapping;
 
 /// A number that a column may hold.
-pub trait Number: Named + Copy + Default + Send + Sync {}
+pub trait Number: Named + bytemuck::Zeroable + Send + Sync {}
 
-impl<T: Named + Copy + Default + Send + Sync> Number for T {}
+impl<T: Named + bytemuck::Zeroable + Send + Sync> Number for T {}
 
 /// Columns of hits, with the bytes of each answer.
 pub const OF_HITS: &[(&str, usize)] = &[

@@ -13,8 +13,11 @@ use std::time::{Duration, Instant};
 /// The most rays of a call that stay on the calling thread: waking others takes longer.
 pub const FEW: usize = 1024;
 
-/// Number of items of the first block of a call.
-const FIRST_BLOCK: usize = 1 << 15;
+/// Number of rays of the first block of a call.
+pub const FIRST_RAYS: usize = 1 << 17;
+
+/// Number of points of the first block of a call: a point may take as long as a hundred rays.
+pub const FIRST_POINTS: usize = 1 << 12;
 
 /// Time between two looks for Ctrl-C, about.
 const BLOCK_TIME: Duration = Duration::from_millis(50);
@@ -108,8 +111,8 @@ impl Threads {
         })
     }
 
-    /// Calls a function for one block of `0..items` after the other, with the interpreter released. Between blocks,
-    /// some 50 ms, it looks for signals.
+    /// Calls a function for one block of `0..items` after the other, with the interpreter released. Between blocks it
+    /// looks for signals; after the first they take some 50 ms.
     ///
     /// # Errors
     /// That of the function, or of a signal's handler, such as KeyboardInterrupt.
@@ -117,9 +120,10 @@ impl Threads {
         &self,
         py: Python<'_>,
         items: usize,
+        first_block: usize,
         mut function: impl FnMut(Range<usize>) -> PyResult<()> + Send,
     ) -> PyResult<()> {
-        let (mut first, mut length) = (0, FIRST_BLOCK);
+        let (mut first, mut length) = (0, first_block);
         while first < items {
             let begun = Instant::now();
             let block = first..items.min(first.saturating_add(length));
