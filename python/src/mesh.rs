@@ -80,6 +80,15 @@ impl Mesh {
         slf.as_super().get().target()?.mesh().cloned()
     }
 
+    /// A new object of a mesh.
+    ///
+    /// # Errors
+    /// If Python has no memory.
+    pub fn from_target(py: Python<'_>, target: MeshTarget) -> PyResult<Py<Self>> {
+        let queries = Queries::of(Target::Mesh(target));
+        Py::new(py, PyClassInitializer::from(queries).add_subclass(Self {}))
+    }
+
     /// The mesh of an object and its number of open edges, which is counted at the first call.
     fn with_open_edges(slf: &Bound<'_, Self>) -> PyResult<(query::Mesh, usize)> {
         let target = Self::of(slf)?;
@@ -245,8 +254,7 @@ impl Mesh {
     }
 
     fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Py<Self>> {
-        let queries = Queries::of(slf.as_super().get().target()?);
-        Py::new(slf.py(), PyClassInitializer::from(queries).add_subclass(Self {}))
+        Self::from_target(slf.py(), Self::of(slf)?)
     }
 
     fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Py<Self>> {

@@ -5,10 +5,11 @@ use crate::arrays::numbers;
 use crate::calls::{self, Given, PointCall, RayCall};
 use crate::rays::Rays;
 use crate::target::Target;
+use crate::threads::Threads;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use raystream_rays::query::NearestColumns;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Questions about rays and points, which meshes and worlds answer.
 ///
@@ -45,6 +46,25 @@ impl Queries {
     /// While another thread changes it.
     pub fn target(&self) -> PyResult<Target> {
         self.locked().clone().ok_or_else(changing)
+    }
+
+    /// [`Queries::target`], ready for questions: a world that has changed gets its tree.
+    ///
+    /// # Errors
+    /// While another thread changes it.
+    fn ready(&self, py: Python<'_>) -> PyResult<Target> {
+        let target = self.target()?;
+        let Target::World(mut world) = target else { return Ok(target) };
+        if !world.is_built {
+            // Not under the lock, which no fork must find held.
+            Threads::all()?.run(py, || Arc::make_mut(&mut world).build());
+            if let Some(Target::World(now)) = &mut *self.locked()
+                && now.changes == world.changes
+            {
+                *now = world.clone();
+            }
+        }
+        Ok(Target::World(world))
     }
 
     /// Changes it. Meanwhile other threads get an error; the lock is not held, so that no fork finds it so.
@@ -98,7 +118,7 @@ impl Queries {
     ) -> PyResult<Hits> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
-        let (want, target) = (calls::of_hits(want)?, self.target()?);
+        let (want, target) = (calls::of_hits(want)?, self.ready(py)?);
         call.cast(py, target.asked(), want, target.of_mesh(&want)?)
     }
 
@@ -122,7 +142,7 @@ impl Queries {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
-        call.occluded(py, self.target()?.asked())
+        call.occluded(py, self.ready(py)?.asked())
     }
 
     /// For each pair of points, True if nothing lies between them: `a` and `b` are `(.., 3)`, of shapes that broadcast.
@@ -138,7 +158,7 @@ impl Queries {
         threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let call = RayCall { rays: Rays::between(a, b)?, rule: calls::rule(rule)?, out, threads };
-        call.free(py, self.target()?.asked())
+        call.free(py, self.ready(py)?.asked())
     }
 
     /// The number of hits of each ray: an int32 array in the shape of the rays.
@@ -163,7 +183,7 @@ impl Queries {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
-        call.count(py, self.target()?.asked())
+        call.count(py, self.ready(py)?.asked())
     }
 
     /// For each ray, True if it has at least `hits` hits. Stops there, so it is faster than `count`.
@@ -187,7 +207,7 @@ impl Queries {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
-        call.at_least(py, self.target()?.asked(), hits)
+        call.at_least(py, self.ready(py)?.asked(), hits)
     }
 
     /// All hits of rays, nearest first, in lists without gaps.
@@ -216,7 +236,7 @@ impl Queries {
     ) -> PyResult<Hits> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out: None, threads };
-        call.all_hits(py, self.target()?.asked(), calls::of_lists(want)?, max_hits)
+        call.all_hits(py, self.ready(py)?.asked(), calls::of_lists(want)?, max_hits)
     }
 
     /// The sum of a number of each triangle over all hits of each ray, float32: the exact sum, rounded once.
@@ -243,7 +263,7 @@ impl Queries {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
-        let target = self.target()?;
+        let target = self.ready(py)?;
         let given = attribute.map(|attribute| numbers::<f32>(attribute, "attribute")).transpose()?;
         let of_triangles = match &given {
             Some(given) => given.as_slice()?,
@@ -267,7 +287,7 @@ impl Queries {
         threads: Option<usize>,
     ) -> PyResult<Hits> {
         let want = calls::of_points(want)?;
-        PointCall::new(points, out, threads)?.nearest(py, self.target()?.asked(), max_distance, want)
+        PointCall::new(points, out, threads)?.nearest(py, self.ready(py)?.asked(), max_distance, want)
     }
 
     /// The distance of each point, `(.., 3)`, from the surface: a float32 array in the shape of the points.
@@ -279,7 +299,7 @@ impl Queries {
         out: Given<'_, 'py>,
         threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let target = self.target()?;
+        let target = self.ready(py)?;
         PointCall::new(points, out, threads)?.each(py, |points, distances| {
             let mut columns = NearestColumns { distance: Some(distances), ..NearestColumns::default() };
             target.asked().nearest_points(points, f32::INFINITY, &mut columns);

@@ -3,6 +3,7 @@
 use crate::calls::Asked;
 use crate::columns::Want;
 use crate::memory::OfMesh;
+use glam::DMat4;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use raystream_rays::query;
@@ -12,7 +13,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub enum Target {
     Mesh(MeshTarget),
-    World(WorldTarget),
+    World(Arc<WorldTarget>),
 }
 
 /// A mesh with what it was made of.
@@ -29,11 +30,39 @@ pub struct MeshTarget {
     pub open_edges: Option<usize>,
 }
 
-/// A world with its number of triangles, those of all instances.
-#[derive(Clone, Debug)]
+/// A world, with what it was made of.
+#[derive(Clone, Debug, Default)]
 pub struct WorldTarget {
     pub world: query::World,
-    pub triangles: usize,
+    /// By number; `None` where an instance was removed.
+    pub instances: Vec<Option<Instance>>,
+    /// Number of changes.
+    pub changes: u64,
+    /// True if the tree over the instances is there.
+    pub is_built: bool,
+}
+
+/// A mesh at a place.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    pub mesh: MeshTarget,
+    pub transform: DMat4,
+    pub is_visible: bool,
+}
+
+impl WorldTarget {
+    /// Number of triangles, those of all instances that are seen.
+    pub fn triangle_count(&self) -> usize {
+        let seen = self.instances.iter().flatten().filter(|instance| instance.is_visible);
+        seen.map(|instance| instance.mesh.faces.len()).sum()
+    }
+
+    /// Makes the tree over the instances.
+    pub fn build(&mut self) {
+        // The first question makes it.
+        self.world.occluded_one(&query::Ray::new([0.0; 3], [0.0; 3]));
+        self.is_built = true;
+    }
 }
 
 /// Vertices as they were given.
@@ -73,6 +102,28 @@ impl Target {
         }
     }
 
+    /// The world.
+    ///
+    /// # Errors
+    /// For a mesh.
+    pub fn world(&self) -> PyResult<&Arc<WorldTarget>> {
+        match self {
+            Self::World(target) => Ok(target),
+            Self::Mesh(_) => Err(PyValueError::new_err("only a world has this, not a mesh")),
+        }
+    }
+
+    /// The world, to be changed: copied first if calls are at it.
+    ///
+    /// # Errors
+    /// For a mesh.
+    pub fn world_mut(&mut self) -> PyResult<&mut WorldTarget> {
+        match self {
+            Self::World(target) => Ok(Arc::make_mut(target)),
+            Self::Mesh(_) => Err(PyValueError::new_err("only a world has this, not a mesh")),
+        }
+    }
+
     /// Numbers of the triangles of a mesh.
     ///
     /// # Errors
@@ -90,7 +141,7 @@ impl Target {
     pub fn check_attributes(&self, found: usize) -> PyResult<()> {
         let expected = match self {
             Self::Mesh(target) => target.faces.len(),
-            Self::World(target) => target.triangles,
+            Self::World(target) => target.triangle_count(),
         };
         if found == expected {
             return Ok(());

@@ -48,6 +48,48 @@ class Worlds(unittest.TestCase):
             self.world.set_transforms(0, np.zeros((4, 4)))
         np.testing.assert_array_equal(self.world.cast(self.rays).t, expected)
 
+    def test_instances_go_and_hide(self):
+        self.world.remove(self.ids[0])
+        self.world.set_visible(self.ids[3], False)
+        self.assertEqual(len(self.world), 3)
+        hits = self.world.cast(self.rays, want="t instance")
+        np.testing.assert_array_equal(hits.t, self.merged([3, 6]).cast(self.rays).t)
+        self.assertEqual(set(np.unique(hits.instance)), {-1, 1, 2})
+        pickled = pickle.loads(pickle.dumps(self.world))
+        self.assertEqual(pickled.cast(self.rays, want="t instance").hash(), hits.hash())
+        self.world.set_visible([3], True)
+        np.testing.assert_array_equal(self.world.cast(self.rays).t, self.merged([3, 6, 9]).cast(self.rays).t)
+        with self.assertRaisesRegex(IndexError, "no instance 0"):
+            self.world.set_visible(0, True)
+        self.assertEqual(self.world.add(self.mesh), 4)
+
+    def test_refitted_meshes_are_set(self):
+        small = rs.Mesh(CORNERS, FACES)
+        small.refit(CORNERS * np.float32(0.5))
+        self.mesh.refit(CORNERS * np.float32(0.5))
+        np.testing.assert_array_equal(self.world.cast(self.rays).t, self.merged([0, 3, 6, 9]).cast(self.rays).t)
+        self.world.set_mesh(self.ids, self.mesh)
+        other = rs.World()
+        for i in range(4):
+            other.add(small, shift(3 * i))
+        self.assertEqual(self.world.cast(self.rays).hash(), other.cast(self.rays).hash())
+
+    def test_nearest_points_of_instances(self):
+        points = self.rays[:, :3]
+        near, expected = self.world.nearest(points, want="distance instance"), self.merged([0, 3, 6, 9]).distance(points)
+        np.testing.assert_array_equal(near.distance, expected)
+        self.assertEqual(set(near.instance), {0, 1, 2, 3})
+
+    def test_sums_over_instances(self):
+        numbers = np.arange(48, dtype=np.float32)
+        expected = self.merged([0, 3, 6, 9]).sum_along(self.rays, attribute=numbers)
+        np.testing.assert_array_equal(self.world.sum_along(self.rays, attribute=numbers), expected)
+        self.world.set_visible(0, False)
+        expected = self.merged([3, 6, 9]).sum_along(self.rays, attribute=numbers[:36])
+        np.testing.assert_array_equal(self.world.sum_along(self.rays, attribute=numbers[:36]), expected)
+        with self.assertRaisesRegex(ValueError, "48 numbers for 36"):
+            self.world.sum_along(self.rays, attribute=numbers)
+
     def test_float64_meshes_stand_where_they_are(self):
         world, far = rs.World(), np.array([1000.0, 0, 0])
         world.add(rs.Mesh(CORNERS.astype(np.float64) + far, FACES), shift(-1000))
