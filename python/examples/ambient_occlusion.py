@@ -11,18 +11,6 @@ import raystream as rs
 from shapes import box, torus, vertex_normals
 
 
-def hemispheres(normals, count, rng):
-    """Directions about normals, `(v, count, 3)`, as many towards each as its cosine."""
-    tilt, turn = rng.random((2, len(normals), count), np.float32)
-    radius, angle = np.sqrt(tilt), 2 * np.pi * turn
-    other = np.where(np.abs(normals[:, :1]) < 0.5, np.float32([[1, 0, 0]]), np.float32([[0, 1, 0]]))
-    across = np.cross(normals, other)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    along = np.cross(normals, across)
-    parts = (radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - tilt))
-    return sum(part[..., None] * axis[:, None] for part, axis in zip(parts, (across, along, normals)))
-
-
 def grid(size, count):
     """A horizontal square at z = 0, with its faces up."""
     along = np.linspace(-size, size, count, dtype=np.float32)
@@ -49,10 +37,8 @@ def main():
     normals = vertex_normals(vertices, faces)
     mesh = rs.Mesh(vertices, faces)
 
-    directions = hemispheres(normals, arguments.rays, np.random.default_rng(0)).astype(np.float32)
-    origins = vertices + np.float32(1e-3) * normals
     begun = time.perf_counter()
-    occluded = mesh.occluded(np.broadcast_to(origins[:, None], directions.shape), directions, t_max=2.0)
+    occluded = mesh.occluded(rs.rays.hemisphere(vertices, normals, arguments.rays, offset=1e-3), t_max=2.0)
     seconds = time.perf_counter() - begun
     print(f"{occluded.size} rays in {seconds:.2f} s, {1e-6 * occluded.size / seconds:.1f} million a second")
     light = 1 - occluded.mean(axis=1)

@@ -14,6 +14,17 @@ _Rule = Literal["closed", "half-open"]
 _Want = str | Sequence[str]
 _Out = Mapping[str, NDArray[Any]] | Hits
 
+def hemisphere(
+    points: ArrayLike,
+    normals: ArrayLike,
+    count: int,
+    *,
+    cosine: bool = True,
+    offset: float = 0.0,
+    seed: int = 0,
+    threads: int | None = None,
+) -> _Floats: ...
+
 class Hits(Mapping[str, NDArray[Any]]):
     t: _Floats
     primitive: _Ints

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-__all__ = ["lidar", "pinhole"]
+from ._raystream import hemisphere
+
+__all__ = ["hemisphere", "lidar", "pinhole"]
 
 
 def pinhole(intrinsics, world_to_camera, width, height, *, axes="opencv"):

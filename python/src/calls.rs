@@ -1,14 +1,14 @@
 //! Questions: arguments in, arrays out.
 
 use crate::answers::Hits;
-use crate::arrays::{array, check_memory, reserved};
+use crate::arrays::{array, check_memory, leading, numbers, reserved, zeros};
 use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
 use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
-use crate::rays::{Floats, Rays, part_of, rays_of};
+use crate::rays::{Floats, Rays, part_of, rays_of, rows_of};
 use crate::threads::{FEW, FIRST_POINTS, FIRST_RAYS, Threads};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use raystream_rays::query::{self, HitLists, Points, RayQueries, Rule, WorldHit};
+use raystream_rays::query::{self, Hemisphere, HitLists, Points, RayQueries, Rule, WorldHit};
 
 /// An argument that may be left out.
 pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
@@ -246,6 +246,42 @@ impl<'a, 'py> PointCall<'a, 'py> {
         )?;
         answer.into_array(py, &leading, 1)
     }
+}
+
+/// Rays from points into the hemispheres about their normals, `(.., count, 6)`.
+///
+/// `normals` have the shape of `points`, `(.., 3)`, and any length; directions have length 1. With `cosine`, as many go
+/// towards each direction as the cosine of its angle with the normal, so that the mean over rays is that of light on a
+/// matte surface; else as many towards each solid angle. Origins are `offset` away from the points, along the
+/// normals: a ten thousandth of the mesh's size keeps rays off the surface that they leave. Rays are stratified, and
+/// the same bytes everywhere for the same `seed`.
+#[pyfunction]
+#[pyo3(signature = (points, normals, count, *, cosine=true, offset=0.0, seed=0, threads=None))]
+#[expect(clippy::too_many_arguments, reason = "Python has keywords")]
+pub fn hemisphere<'py>(
+    py: Python<'py>,
+    points: &Bound<'py, PyAny>,
+    normals: &Bound<'py, PyAny>,
+    count: usize,
+    cosine: bool,
+    offset: f32,
+    seed: u64,
+    threads: Option<usize>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let (points, normals) = (numbers::<f32>(points, "points")?, numbers::<f32>(normals, "normals")?);
+    let mut shape = leading(&points, 3, "points")?;
+    if leading(&normals, 3, "normals")? != shape {
+        return Err(PyValueError::new_err("normals must have the shape of points"));
+    }
+    shape.push(count);
+    let rays = shape.iter().try_fold(1_usize, |rays, &length| rays.checked_mul(length)).unwrap_or(usize::MAX);
+    check_memory("the rays", rays, size_of::<[f32; 6]>())?;
+    let (mut made, over) =
+        (zeros::<[f32; 6]>(rays)?, if cosine { Hemisphere::Cosine } else { Hemisphere::Uniform });
+    let (points, normals) = (rows_of(&points)?, rows_of(&normals)?);
+    Threads::new(threads, rays, FEW)?
+        .run(py, || query::hemispheres(points, normals, over, offset, seed, &mut made));
+    array(py, made.into_flattened(), &shape, 6)
 }
 
 /// The columns of first hits that an argument names, by default t and primitive.

@@ -32,6 +32,7 @@ fn _raystream(module: &Bound<'_, PyModule>) -> PyResult<()> {
     threads::prepare();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("simd", raystream_rays::query::SimdLevel::detect().to_string())?;
+    module.add_function(wrap_pyfunction!(calls::hemisphere, module)?)?;
     module.add_class::<queries::Queries>()?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<world::World>()?;

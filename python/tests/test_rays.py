@@ -50,5 +50,28 @@ class Lidar(unittest.TestCase):
         np.testing.assert_allclose(np.linalg.norm(rays[..., 3:], axis=-1), 1, rtol=1e-6)
 
 
+class Hemisphere(unittest.TestCase):
+    def test_directions_are_about_the_normals(self):
+        normals = np.random.default_rng(0).normal(size=(5, 4, 3)).astype(np.float32)
+        points = np.ones((5, 4, 3), np.float32)
+        unit = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+        for cosine, mean in ((True, 2 / 3), (False, 1 / 2)):
+            rays = rs.rays.hemisphere(points, normals, 1000, cosine=cosine, offset=0.25)
+            self.assertEqual(rays.shape, (5, 4, 1000, 6))
+            np.testing.assert_allclose(rays[..., 0, :3], points + 0.25 * unit, atol=1e-6)
+            cosines = np.einsum("abij,abj->abi", rays[..., 3:], unit)
+            self.assertGreater(cosines.min(), -1e-6)
+            np.testing.assert_allclose(cosines.mean(axis=-1), mean, atol=0.01)
+
+    def test_the_seed_decides(self):
+        make = lambda **keywords: rs.rays.hemisphere([[0, 0, 0]], [[0, 0, 1]], 5000, **keywords).tobytes()  # noqa: E731
+        self.assertEqual(make(seed=1, threads=1), make(seed=1, threads=3))
+        self.assertNotEqual(make(seed=1), make(seed=2))
+        with self.assertRaisesRegex(ValueError, "the shape of points"):
+            rs.rays.hemisphere([[0, 0, 0]], [0, 0, 1], 5)
+        with self.assertRaises(MemoryError):
+            rs.rays.hemisphere([[0, 0, 0]], [[0, 0, 1]], 1 << 45)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -76,8 +76,8 @@ class Worlds(unittest.TestCase):
 
     def test_nearest_points_of_instances(self):
         points = self.rays[:, :3]
-        near, expected = self.world.nearest(points, want="distance instance"), self.merged([0, 3, 6, 9]).distance(points)
-        np.testing.assert_array_equal(near.distance, expected)
+        near = self.world.nearest(points, want="distance instance")
+        np.testing.assert_array_equal(near.distance, self.merged([0, 3, 6, 9]).distance(points))
         self.assertEqual(set(near.instance), {0, 1, 2, 3})
 
     def test_sums_over_instances(self):

@@ -30,6 +30,7 @@
 //! | what does it hit, all the way? | [`Mesh::all_hits`] |
 //! | where, and what is there? | [`Ray::at`], [`Mesh::normal`], [`Mesh::corners`] |
 //! | which point of the mesh is nearest to a point? | [`Mesh::nearest_point`] |
+//! | what does a point see of its hemisphere? | [`hemispheres`] makes the rays |
 //! | the same mesh at many places? | [`World`] |
 //! | the mesh moves? | [`Mesh::refit`], [`World::move_instances`] |
 //!
@@ -46,6 +47,7 @@
 mod closed;
 mod columns;
 mod crossings;
+mod hemispheres;
 mod mesh;
 mod nearest;
 mod nearest_lanes;
@@ -64,6 +66,7 @@ pub use crate::stream::{Hit, MISS, Ray};
 pub use crate::trace::cpu::{CpuTracer, SimdError, SimdLevel};
 pub use closed::OpenMesh;
 pub use columns::{Attribute, HitColumns, Interpolated};
+pub use hemispheres::{Hemisphere, hemispheres};
 pub use mesh::Mesh;
 pub use nearest::NearestPoint;
 pub use points::{NearestColumns, Points};
