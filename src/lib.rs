@@ -89,14 +89,12 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-pub use raystream_rays::{bvh, geom, lanes, profile, query, stream};
+pub use raystream_rays::{bvh, geom, lanes, memory, profile, query, stream};
 pub use {bytemuck, glam};
 
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;
-#[cfg(feature = "render")]
-pub mod memory;
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod numpy;

@@ -12,6 +12,8 @@
 mod aabb;
 mod basis;
 mod canonical;
+mod expansion;
+mod half_open;
 pub mod octahedral;
 mod placement;
 mod sampler;
@@ -24,6 +26,10 @@ pub use canonical::SLACK;
 pub use canonical::{CanonicalHit, CanonicalRay, MAX_COORDINATE};
 #[doc(hidden)]
 pub use canonical::{DIRECTION_RANGE, MIN_COMPONENT};
+pub(crate) use expansion::Expansion;
+pub(crate) use half_open::is_on_triangle;
+#[doc(hidden)]
+pub use half_open::{Crossing, HalfOpenRay};
 pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
 #[doc(hidden)]

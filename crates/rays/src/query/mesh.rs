@@ -1,22 +1,30 @@
 //! A triangle mesh that answers ray queries.
 
-use super::nearest::{NearestPoint, nearest_point};
+use super::closed::{OpenMesh, open_edges};
+use super::nearest::NearestPoint;
+use super::nearest_lanes::nearest_of_each;
+use super::points::Points;
 use super::shares::answers;
+use super::target::{RayQueries, Target};
 use super::tree_tracers::TreeTracers;
 use crate::bvh::{Bvh, GeometryError};
 use crate::stream::{Hit, Ray};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A triangle mesh with its tree, ready for ray queries. Cheap to clone: clones share the tree until one is
 /// refitted.
 #[derive(Clone)]
 pub struct Mesh {
     tracers: TreeTracers,
+    /// Subtracted from the caller's coordinates.
+    center: DVec3,
+    /// Number of open edges, once it has been asked for.
+    open_edges: OnceLock<usize>,
 }
 
 impl Mesh {
@@ -48,10 +56,128 @@ impl Mesh {
         Ok(Self::of(Arc::new(Bvh::build(&positions, triangles, |_| false))))
     }
 
+    /// [`Mesh::build`] with positions in `f64`, which may be far from the origin: they are stored relative to the middle
+    /// of their box, [`Mesh::center`], each rounded to `f32`. So a coordinate is wrong by at most 2⁻²⁴ of its distance
+    /// from the middle.
+    ///
+    /// Queries of [`RayQueries`] and of points take and give the caller's coordinates; rays and points in `f64` are not
+    /// rounded to `f32` where exact answers depend on them. [`Mesh::closest`] and the other queries of [`Ray`] slices know
+    /// nothing of the middle.
+    ///
+    /// ```
+    /// use raystream_rays::query::{HitColumns, Mesh, Range, RayQueries, Rays, Rule};
+    ///
+    /// // A triangle of a metre, far away.
+    /// let corners = [[4e6, 5e6, 0.0], [4e6 + 1.0, 5e6, 0.0], [4e6, 5e6 + 1.0, 0.0]];
+    /// let mesh = Mesh::build64(&corners, &[[0, 1, 2]])?;
+    /// let rays = [[4e6 + 0.25, 5e6 + 0.25, 2.0, 0.0, 0.0, -1.0]];
+    /// let mut position = [[0.0; 3]];
+    /// let mut columns = HitColumns { position64: Some(&mut position), ..HitColumns::default() };
+    /// mesh.cast(&Rays::Rows64(&rays, Range::default()), Rule::Closed, &mut columns);
+    /// assert_eq!(position, [[4e6 + 0.25, 5e6 + 0.25, 0.0]]);
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As for [`Mesh::build`].
+    pub fn build64(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, GeometryError> {
+        let points = || positions.iter().copied().map(DVec3::from_array);
+        let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), point| {
+            (low.min(point), high.max(point))
+        });
+        let middle = 0.5 * low + 0.5 * high;
+        let center = if middle.is_finite() { middle } else { DVec3::ZERO };
+        let relative: Vec<Vec3> = points().map(|point| (point - center).as_vec3()).collect();
+        Ok(Self { center, ..Self::build(&relative, triangles)? })
+    }
+
+    /// The point that the stored coordinates are relative to: zero, but for [`Mesh::build64`].
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
+    /// Number of edges that an odd number of triangles have; 0 for a closed mesh. Edges are equal if their corners are
+    /// at the same positions, whatever their indices are. Counted at the first call.
+    pub fn open_edges(&self) -> usize {
+        *self.open_edges.get_or_init(|| open_edges(self.bvh()))
+    }
+
+    /// True if the mesh has an inside: each edge has an even number of triangles.
+    pub fn is_closed(&self) -> bool {
+        self.open_edges() == 0
+    }
+
+    /// For each point, true if it lies inside the mesh or exactly on its surface, by the parity of one ray's crossings
+    /// ([`super::Rule::HalfOpen`]): exact, without votes. On the current rayon pool.
+    ///
+    /// ```
+    /// use raystream_rays::query::Mesh;
+    ///
+    /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    /// let mesh = Mesh::build(&corners, &[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])?;
+    /// let points = [[0.1f32, 0.1, 0.1], [0.5, 0.5, 0.5], [0.0, 0.0, 0.0], [0.5, 0.5, 0.0]];
+    /// let mut inside = [false; 4];
+    /// mesh.contains(&points.as_slice().into(), &mut inside)?;
+    /// assert_eq!(inside, [true, false, true, true]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the mesh is open.
+    ///
+    /// # Panics
+    /// If there is not one answer per point.
+    pub fn contains(&self, points: &Points<'_>, inside: &mut [bool]) -> Result<(), OpenMesh> {
+        self.require_closed()?;
+        self.contains_by_parity(points, inside);
+        Ok(())
+    }
+
+    /// [`Mesh::contains`] of any mesh, which need not be closed: true if a ray from the point crosses the mesh an odd
+    /// number of times. For an open mesh that depends on the ray, which goes away from the middle of the mesh's box.
+    ///
+    /// # Panics
+    /// If there is not one answer per point.
+    pub fn contains_by_parity(&self, points: &Points<'_>, inside: &mut [bool]) {
+        self.target().contains(points, inside);
+    }
+
+    /// The distance of every point from the surface, negative inside and 0 on it. On the current rayon pool.
+    ///
+    /// # Errors
+    /// If the mesh is open.
+    ///
+    /// # Panics
+    /// If there is not one distance per point.
+    pub fn signed_distances(&self, points: &Points<'_>, distances: &mut [f32]) -> Result<(), OpenMesh> {
+        self.require_closed()?;
+        self.signed_distances_by_parity(points, distances);
+        Ok(())
+    }
+
+    /// [`Mesh::signed_distances`] of any mesh, with the sign of [`Mesh::contains_by_parity`].
+    ///
+    /// # Panics
+    /// If there is not one distance per point.
+    pub fn signed_distances_by_parity(&self, points: &Points<'_>, distances: &mut [f32]) {
+        self.target().signed_distances(points, distances);
+    }
+
+    fn require_closed(&self) -> Result<(), OpenMesh> {
+        match self.open_edges() {
+            0 => Ok(()),
+            edges => Err(OpenMesh { edges }),
+        }
+    }
+
     /// Of a tree that is already built; masked triangles are hit everywhere.
     #[doc(hidden)]
     pub fn of(bvh: Arc<Bvh>) -> Self {
-        Self { tracers: TreeTracers::new(bvh, SimdLevel::detect()) }
+        Self {
+            tracers: TreeTracers::new(bvh, SimdLevel::detect()),
+            center: DVec3::ZERO,
+            open_edges: OnceLock::new(),
+        }
     }
 
     /// Moves the triangles, as many as before. Answers are those of a new mesh, at a fraction of the time to
@@ -77,6 +203,7 @@ impl Mesh {
     {
         let positions = vectors(positions);
         self.bvh().accepts(&positions, triangles)?;
+        self.open_edges = OnceLock::new();
         self.tracers.change(|bvh| bvh.refit(&positions, triangles))
     }
 
@@ -221,7 +348,9 @@ impl Mesh {
     /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     pub fn nearest_point(&self, point: impl Into<[f32; 3]>, max_distance: f32) -> Option<NearestPoint> {
-        nearest_point(self.bvh(), Vec3::from_array(point.into()), max_distance)
+        let (point, mut nearest) = (Vec3::from_array(point.into()).as_dvec3(), [None]);
+        nearest_of_each(self.bvh(), &[point], max_distance, &mut nearest);
+        nearest[0]
     }
 
     /// The geometric normal of a hit, of length 1: that of the triangle's plane, on the side from which its
@@ -254,6 +383,12 @@ impl Mesh {
     /// The tree. It knows its box and its size in bytes.
     pub fn bvh(&self) -> &Arc<Bvh> {
         self.tracers.bvh()
+    }
+}
+
+impl RayQueries for Mesh {
+    fn target(&self) -> Target<'_> {
+        Target { tracers: &self.tracers, firsts: None, center: self.center }
     }
 }
 

@@ -43,9 +43,16 @@
 //! `pool.install(|| ...)` that pool, else the global one. To trace on threads of your own, call the methods of
 //! [`Mesh::tracer`], which stay on the calling thread. The answers do not depend on the threads.
 
+mod closed;
+mod columns;
+mod crossings;
 mod mesh;
 mod nearest;
+mod nearest_lanes;
+mod points;
+mod rays;
 mod shares;
+mod target;
 #[cfg(test)]
 mod tests;
 mod tree_tracers;
@@ -55,8 +62,13 @@ pub use crate::bvh::{Bvh, GeometryError};
 pub use crate::geom::{Placement, PlacementError};
 pub use crate::stream::{Hit, MISS, Ray};
 pub use crate::trace::cpu::{CpuTracer, SimdError, SimdLevel};
+pub use closed::OpenMesh;
+pub use columns::{Attribute, HitColumns, Interpolated};
 pub use mesh::Mesh;
 pub use nearest::NearestPoint;
+pub use points::{NearestColumns, Points};
+pub use rays::{Range, Rays, Rule};
+pub use target::{HitLists, RayQueries};
 pub use world::{World, WorldError, WorldHit};
 
 #[doc(hidden)]

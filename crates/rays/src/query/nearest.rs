@@ -1,9 +1,11 @@
-//! The point of a mesh that is nearest to a given point.
+//! The point of a mesh, or of a world, that is nearest to a given point.
 
 use crate::bvh::{Bvh, Child, WIDTH, WideNode};
-use crate::geom::MAX_COORDINATE;
+use crate::geom::{MAX_COORDINATE, Placement};
+use crate::stream::Hit;
 use glam::{DVec3, Vec3};
 use std::cell::Cell;
+use std::cmp::Ordering;
 
 thread_local! {
     /// Taken by a call while it searches.
@@ -16,6 +18,8 @@ thread_local! {
 pub struct NearestPoint {
     /// The point on the triangle.
     pub position: Vec3,
+    /// The point on the triangle, before it is rounded.
+    pub position64: DVec3,
     /// Its distance from the point that was asked for.
     pub distance: f32,
     /// Barycentric weight of the triangle's second vertex, 0 to 1.
@@ -26,93 +30,157 @@ pub struct NearestPoint {
     pub primitive: u32,
 }
 
+/// The tree itself, not that of an instance.
+const TOP: u32 = u32::MAX;
+
 /// A child to visit.
 #[derive(Clone, Copy)]
 struct Entry {
+    /// Index of the instance, or [`TOP`].
+    instance: u32,
     child: Child,
     /// At most the squared distance of its box.
     squared: f32,
 }
 
 /// The nearest point so far.
-struct Best {
-    squared: f64,
+pub(super) struct Best {
+    pub squared: f64,
     position: DVec3,
     u: f64,
     v: f64,
-    primitive: Option<u32>,
+    /// Its triangle's corners and primitive id.
+    pub triangle: Option<([Vec3; 3], u32)>,
+}
+
+impl NearestPoint {
+    /// A hit with the same triangle and weights.
+    pub(super) fn as_hit(&self) -> Hit {
+        Hit { t: self.distance, u: self.u, v: self.v, primitive: self.primitive }
+    }
 }
 
 /// The nearest point of a tree's triangles at most `max_distance` away; of equally near ones the one of the lowest
 /// primitive id. Computed in `f64`. The answer does not depend on the shape of the tree.
-pub fn nearest_point(bvh: &Bvh, point: Vec3, max_distance: f32) -> Option<NearestPoint> {
-    let in_range = point.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
-    if !in_range || max_distance.is_nan() || max_distance < 0.0 {
+pub fn nearest(bvh: &Bvh, point: DVec3, max_distance: f32) -> Option<NearestPoint> {
+    let in_range = point.abs().cmple(DVec3::splat(MAX_COORDINATE.into())).all();
+    if !in_range || max_distance.is_nan() || max_distance < 0.0 || bvh.is_empty() {
         return None;
     }
-    let (blocks, nodes) = (bvh.wide().blocks(), bvh.wide().nodes());
-    let squared = f64::from(max_distance) * f64::from(max_distance);
-    let mut best = Best { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, primitive: None };
+    let mut best = Best::within(max_distance);
     let mut stack = STACK.take();
     stack.clear();
-    stack.push(Entry { child: Child::ROOT, squared: 0.0 });
-    while let Some(Entry { child, squared }) = stack.pop() {
-        if f64::from(squared) > best.squared {
-            continue;
+    stack.push(Entry { instance: TOP, child: Child::ROOT, squared: 0.0 });
+    while let Some(Entry { instance, child, squared }) = stack.pop() {
+        if f64::from(squared) <= best.squared {
+            best.visit_child(bvh, point, instance, child, &mut stack);
         }
-        if child.is_block() {
-            let block = blocks.get(child);
-            for row in 0..block.len() {
-                best.visit(point.as_dvec3(), block.corners(row), block.primitive(row));
-            }
-            continue;
-        }
-        let node = &nodes[child.index()];
-        let distances = squared_distances(node, point);
-        let first = stack.len();
-        for (child, squared) in node.children.into_iter().zip(distances) {
-            if child != Child::NONE && f64::from(squared) <= best.squared {
-                stack.push(Entry { child, squared });
-            }
-        }
-        // The nearest child on top.
-        stack[first..].sort_unstable_by(|a, b| b.squared.total_cmp(&a.squared));
     }
     STACK.set(stack);
-    best.primitive.map(|primitive| NearestPoint {
-        position: best.position.as_vec3(),
-        distance: best.squared.sqrt() as f32,
-        u: best.u as f32,
-        v: best.v as f32,
-        primitive,
-    })
+    best.answer()
 }
 
 /// At most the squared distances of a point from the boxes of a node, by slot.
-fn squared_distances(node: &WideNode, point: Vec3) -> [f32; WIDTH] {
+fn squared_distances(faces: &[[[f32; WIDTH]; 3]; 2], point: DVec3) -> [f32; WIDTH] {
     // More than the rounding errors of the sum, in units of the sum, and more than those of underflow.
     const SHRINK: f32 = 1.0 - 1e-6;
     let mut sums = [0.0; WIDTH];
     for axis in 0..3 {
-        let (low, high, at) = (&node.faces[0][axis], &node.faces[1][axis], point[axis]);
+        let (low, high) = (&faces[0][axis], &faces[1][axis]);
+        // The point lies between these; both are the point itself if it is an `f32`.
+        let (below, above) = around(point[axis]);
         for slot in 0..WIDTH {
-            let outside = (low[slot] - at).max(at - high[slot]).max(0.0);
+            let outside = (low[slot] - above).max(below - high[slot]).max(0.0);
             sums[slot] += outside * outside;
         }
     }
     sums.map(|sum| sum * SHRINK - f32::MIN_POSITIVE)
 }
 
+/// The nearest `f32` that are not greater, and not less, than a number.
+pub(super) fn around(number: f64) -> (f32, f32) {
+    let near = number as f32;
+    match f64::from(near).total_cmp(&number) {
+        Ordering::Less => (near, near.next_up()),
+        Ordering::Equal => (near, near),
+        Ordering::Greater => (near.next_down(), near),
+    }
+}
+
 impl Best {
-    fn visit(&mut self, point: DVec3, corners: [Vec3; 3], primitive: u32) {
-        let corners = corners.map(|corner| corner.as_dvec3());
-        let (position, u, v) = nearest_on_triangle(point, corners);
+    /// None yet, and none farther than `max_distance`.
+    pub fn within(max_distance: f32) -> Self {
+        let squared = f64::from(max_distance) * f64::from(max_distance);
+        Self { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, triangle: None }
+    }
+
+    pub fn answer(&self) -> Option<NearestPoint> {
+        self.triangle.map(|(_, primitive)| NearestPoint {
+            position: self.position.as_vec3(),
+            position64: self.position,
+            distance: self.squared.sqrt() as f32,
+            u: self.u as f32,
+            v: self.v as f32,
+            primitive,
+        })
+    }
+
+    /// Visits a child of the tree of an instance, or of the tree itself: [`TOP`].
+    fn visit_child(&mut self, bvh: &Bvh, point: DVec3, instance: u32, child: Child, stack: &mut Vec<Entry>) {
+        let instances = bvh.instances();
+        if child.is_block() && instance == TOP && !instances.is_empty() {
+            let instance = child.index() as u32;
+            return self.visit_child(bvh, point, instance, Child::ROOT, stack);
+        }
+        let (wide, first_primitive, placement) = match instances.get(instance as usize) {
+            Some(instance) => (instance.tree.wide(), instance.first_primitive, instance.placement),
+            None => (bvh.wide(), 0, None),
+        };
+        if child.is_block() {
+            let block = wide.blocks().get(child);
+            for row in 0..block.len() {
+                let corners = block.corners(row);
+                let corners = placement.map_or(corners, |place| corners.map(|corner| place.point(corner)));
+                self.visit(point, corners, first_primitive + block.primitive(row));
+            }
+            return;
+        }
+        let node = &wide.nodes()[child.index()];
+        let distances = match placement {
+            None => squared_distances(&node.faces, point),
+            Some(placement) => squared_distances(&moved_faces(node, &placement), point),
+        };
+        let first = stack.len();
+        for (child, squared) in node.children.into_iter().zip(distances) {
+            if child != Child::NONE && f64::from(squared) <= self.squared {
+                stack.push(Entry { instance, child, squared });
+            }
+        }
+        // The nearest child on top.
+        stack[first..].sort_unstable_by(|a, b| b.squared.total_cmp(&a.squared));
+    }
+
+    /// Takes the nearest point of a triangle if it is nearer, or as near and of a lower primitive id.
+    pub fn visit(&mut self, point: DVec3, corners: [Vec3; 3], primitive: u32) {
+        let (position, u, v) = nearest_on_triangle(point, corners.map(|corner| corner.as_dvec3()));
         let squared = position.distance_squared(point);
-        let is_first = self.primitive.is_none_or(|best| primitive < best);
+        let is_first = self.triangle.is_none_or(|(_, best)| primitive < best);
         if squared < self.squared || squared == self.squared && is_first {
-            *self = Self { squared, position, u, v, primitive: Some(primitive) };
+            *self = Self { squared, position, u, v, triangle: Some((corners, primitive)) };
         }
     }
+}
+
+/// The faces of a node's boxes in the world.
+fn moved_faces(node: &WideNode, placement: &Placement) -> [[[f32; WIDTH]; 3]; 2] {
+    let mut faces = WideNode::EMPTY.faces;
+    for slot in (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE) {
+        let bounds = placement.bounds(&node.bounds(slot));
+        for (side, corner) in faces.iter_mut().zip([bounds.min, bounds.max]) {
+            side.iter_mut().zip(corner.to_array()).for_each(|(face, coordinate)| face[slot] = coordinate);
+        }
+    }
+    faces
 }
 
 /// The point of a triangle nearest to `point`, with its barycentric weights. The triangle may be a segment or a point.

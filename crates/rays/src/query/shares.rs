@@ -1,5 +1,6 @@
 //! Divides a slice of rays into shares for the threads of a pool (guided self-scheduling).
 
+use super::columns::Divide;
 use crate::stream::Ray;
 use rayon::prelude::*;
 use std::iter;
@@ -44,6 +45,22 @@ pub fn in_shares<T: Send>(
         (len > 0).then_some((first - len, share.0, rest.0))
     });
     shares.par_bridge().for_each(|(first, rays, answers)| trace(first, rays, answers));
+}
+
+/// Divides `len` rows and their columns into parts of at most `most`, as [`in_shares`] does: `work` is called with the
+/// index of the first row of each part, their number and their columns.
+pub fn in_parts<C: Divide>(len: usize, columns: C, most: usize, work: impl Fn(usize, usize, C) + Sync) {
+    if len <= MIN_SHARE.min(most) {
+        return work(0, len, columns);
+    }
+    let threads = rayon::current_num_threads();
+    let (mut first, mut columns) = (0, columns);
+    let parts = iter::from_fn(move || {
+        let part = length(len - first, most, threads);
+        first += part;
+        (part > 0).then(|| (first - part, part, columns.split_first(part)))
+    });
+    parts.par_bridge().for_each(|(first, len, columns)| work(first, len, columns));
 }
 
 /// Length of the next share if `left` rays are left.

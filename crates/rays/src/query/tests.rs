@@ -1,9 +1,10 @@
 //! Ray queries against the oracle and against brute force.
 
-use super::nearest::nearest_point;
+mod counting;
+mod points;
+
 use super::tree_tracers::TreeTracers;
 use super::*;
-use crate::bvh::Bvh;
 use crate::geom::mix;
 use crate::trace::cpu::{Oracle, SimdLevel};
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3, Vec4};
@@ -255,8 +256,8 @@ fn nearest_points_are_those_of_brute_force() {
     assert!(none(Vec3::NAN, 9.0) && none(Vec3::splat(1e30), f32::INFINITY));
     assert!(none(Vec3::ZERO, f32::NAN) && none(Vec3::ZERO, -1.0));
     assert_eq!(mesh.nearest_point(positions[3], 0.0).map(|nearest| nearest.distance), Some(0.0));
-    let empty = Bvh::build(&[], &[], |_| false);
-    assert!(nearest_point(&empty, Vec3::ZERO, f32::INFINITY).is_none());
+    let empty = Mesh::build::<Vec3>(&[], &[]).expect("sound");
+    assert!(empty.nearest_point(Vec3::ZERO, f32::INFINITY).is_none());
 }
 
 /// A few shapes at many places.

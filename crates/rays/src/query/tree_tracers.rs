@@ -90,17 +90,20 @@ impl TreeTracers {
     /// If there are not as many answers as rays.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
-        in_shares(rays, occluded, SHARE_RAYS, |_, rays, occluded| {
-            let mut answers = ANSWERS.take();
-            answers.resize(rays.len(), 0);
-            if rays.len() == 1 {
-                self.single.occluded(rays, &mut answers);
-            } else {
-                self.stream.occluded(rays, &mut answers);
-            }
-            occluded.iter_mut().zip(&answers).for_each(|(occluded, answer)| *occluded = *answer != 0);
-            ANSWERS.set(answers);
-        });
+        in_shares(rays, occluded, SHARE_RAYS, |_, rays, occluded| self.occluded_here(rays, occluded));
+    }
+
+    /// [`TreeTracers::occluded_into`] on the calling thread.
+    pub fn occluded_here(&self, rays: &[Ray], occluded: &mut [bool]) {
+        let mut answers = ANSWERS.take();
+        answers.resize(rays.len(), 0);
+        if rays.len() == 1 {
+            self.single.occluded(rays, &mut answers);
+        } else {
+            self.stream.occluded(rays, &mut answers);
+        }
+        occluded.iter_mut().zip(&answers).for_each(|(occluded, answer)| *occluded = *answer != 0);
+        ANSWERS.set(answers);
     }
 
     /// The nearest hit of each ray among those that `accepts` returns true for.

@@ -2,12 +2,13 @@
 
 use super::mesh::{Mesh, normal};
 use super::shares::{answers, in_shares};
+use super::target::{RayQueries, Target};
 use super::tree_tracers::{SHARE_RAYS, TreeTracers};
 use crate::bvh::{Bvh, PRIMITIVE, TreeInstance};
 use crate::geom::{MAX_COORDINATE, Placement, PlacementError};
 use crate::stream::{Hit, MISS, Ray};
 use crate::trace::cpu::SimdLevel;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::cell::Cell;
 use std::fmt;
 use std::ops::Range;
@@ -270,6 +271,12 @@ impl World {
         let instance = self.firsts.partition_point(|&first| first <= primitive) - 1;
         let primitive = primitive - self.firsts[instance];
         WorldHit { t, u, v, instance: instance as u32, primitive }
+    }
+}
+
+impl RayQueries for World {
+    fn target(&self) -> Target<'_> {
+        Target { tracers: &self.tracers, firsts: Some(&self.firsts), center: DVec3::ZERO }
     }
 }
 

@@ -20,8 +20,9 @@ use crate::lanes::{Lanes, MAX_LANES};
 /// The invariants hold for the stacks and the lists. `instances` are those of the top-level tree that `top` is a view
 /// of.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub(super) unsafe fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
+pub(super) unsafe fn traverse<W: Lanes, E: Lanes>(
     widths: Widths<W, E>,
+    visits: &impl VisitInstance,
     top: &SubStream<'_>,
     instances: &[TreeInstance],
     stacks: &mut [OctantStack; 8],
@@ -48,10 +49,10 @@ pub(super) unsafe fn traverse<W: Lanes, E: Lanes, const ANY: bool>(
             // SAFETY: the caller's contract; the copied list satisfies invariants 1 to 3.
             unsafe {
                 match &instance.placement {
-                    None => visit_all::<_, _, _, ANY>(widths, World, &sub, octant, local),
+                    None => visits.visit_all(World, &sub, octant, local),
                     Some(placement) => {
                         let space = InstanceSpace::new(placement, instance.first_primitive, octant);
-                        visit_all::<_, _, _, ANY>(widths, space, &sub, octant, local);
+                        visits.visit_all(space, &sub, octant, local);
                     }
                 }
             }
@@ -69,19 +70,37 @@ fn copy_list(entry: Entry, stack: &OctantStack, local: &mut OctantStack) {
     local.entries.push(Entry { child: Child::ROOT, start: 0, ..entry });
 }
 
-/// Makes all pending visits of a stack.
-///
-/// # Safety
-/// The invariants hold for the stack.
-#[inline(always)]
-unsafe fn visit_all<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
-    widths: Widths<W, E>,
-    space: S,
-    sub: &SubStream<'_>,
-    octant: usize,
-    stack: &mut OctantStack,
-) {
-    let visitor = RayVisitor::<W, E, S, ANY> { widths, space, sub };
-    // SAFETY: the caller's contract.
-    while unsafe { visitor.step(octant, stack) } {}
+/// Visits the trees of instances.
+pub(super) trait VisitInstance {
+    /// Makes all pending visits of a stack in an instance's tree.
+    ///
+    /// # Safety
+    /// The invariants hold for the stack.
+    unsafe fn visit_all<S: Space>(
+        &self,
+        space: S,
+        sub: &SubStream<'_>,
+        octant: usize,
+        stack: &mut OctantStack,
+    );
+}
+
+/// Visits instances for nearest hits, or for any hit if `ANY`.
+pub(super) struct HitVisits<W, E, const ANY: bool> {
+    pub widths: Widths<W, E>,
+}
+
+impl<W: Lanes, E: Lanes, const ANY: bool> VisitInstance for HitVisits<W, E, ANY> {
+    #[inline(always)]
+    unsafe fn visit_all<S: Space>(
+        &self,
+        space: S,
+        sub: &SubStream<'_>,
+        octant: usize,
+        stack: &mut OctantStack,
+    ) {
+        let visitor = RayVisitor::<W, E, S, ANY> { widths: self.widths, space, sub };
+        // SAFETY: the caller's contract.
+        while unsafe { visitor.step(octant, stack) } {}
+    }
 }

@@ -41,6 +41,7 @@
 //! was tried and measured stands in `docs/lab/tracing.md`.
 
 mod child_lists;
+mod crossings;
 mod few_rays;
 mod instance_space;
 mod instances;
@@ -73,6 +74,7 @@ pub mod triangle;
 mod visit_order;
 
 pub use crate::lanes::{SimdError, SimdLevel};
+pub(crate) use crossings::TriangleSink;
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

@@ -4,9 +4,10 @@
 //! whose instructions the processor has.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::crossings::TriangleSink;
 use super::oracle::Oracle;
 use super::substream::{Answers, Widths};
-use super::traversal::{Scratch, trace};
+use super::traversal::{Scratch, trace, trace_candidates};
 use crate::bvh::{Bvh, Filter};
 #[cfg(target_arch = "aarch64")]
 use crate::lanes::Neon;
@@ -54,6 +55,28 @@ impl CpuTracer {
     /// The canonical hit of a ray and one triangle: see [`Oracle::canonical_hit`].
     pub fn canonical_hit(&self, ray: &Ray, primitive: u32) -> Option<Hit> {
         self.oracle.canonical_hit(ray, primitive)
+    }
+
+    /// Hands all triangles that rays may cross to a sink, with the indices of the rays, in no particular order.
+    pub(crate) fn visit_candidates(&self, rays: &[Ray], sink: &mut dyn TriangleSink) {
+        let bvh = self.oracle.bvh();
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let memory = &mut *scratch;
+        match self.simd {
+            // SAFETY: invariant 1.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx512 => unsafe { x86::avx512_candidates(bvh, rays, sink, memory) },
+            // SAFETY: invariant 1.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx2 => unsafe { x86::avx2_candidates(bvh, rays, sink, memory) },
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => trace_candidates(Widths { wide: Neon, eight: Neon }, bvh, rays, sink, memory),
+            _ => {
+                let widths = Widths { wide: Plain::<8>, eight: Plain::<8> };
+                trace_candidates(widths, bvh, rays, sink, memory);
+            }
+        }
+        SCRATCH.set(Some(scratch));
     }
 
     fn dispatch<const ANY: bool>(&self, rays: &[Ray], answers: Answers<'_>) {
@@ -142,5 +165,21 @@ mod x86 {
         let token = unsafe { Avx2::new() };
         let widths = Widths { wide: token, eight: token };
         trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, scratch);
+    }
+
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx512_candidates(bvh: &Bvh, rays: &[Ray], sink: &mut dyn TriangleSink, scratch: &mut Scratch) {
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1).
+        let widths = unsafe { Widths { wide: Avx512::new(), eight: Avx512Eights::new() } };
+        trace_candidates(widths, bvh, rays, sink, scratch);
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub fn avx2_candidates(bvh: &Bvh, rays: &[Ray], sink: &mut dyn TriangleSink, scratch: &mut Scratch) {
+        // SAFETY: this function enables the instructions, so its callers run on a processor that has them (invariant
+        // 1).
+        let token = unsafe { Avx2::new() };
+        trace_candidates(Widths { wide: token, eight: token }, bvh, rays, sink, scratch);
     }
 }

@@ -4,18 +4,24 @@
 //! Unsafe code for visits. This file establishes invariants 1 to 8 of `substream`, `child_lists` and `packet`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::crossings::{CandidateVisitor, CandidateVisits, TriangleSink};
 use super::instance_space::World;
 use super::packet::{self, Packet, PacketSet, PacketVisitor};
 use super::ray_lists::RayVisitor;
 use super::shaft::Shafts;
 use super::single::Filtered;
 use super::split_substreams::{MAX_RAYS, first_len};
-use super::substream::{Answers, OctantStack, Row, SubStream, Visitor, Widths, entry_capacity};
+use super::substream::{
+    AnswerPointer, Answers, OctantStack, Row, SubStream, Visitor, Widths, entry_capacity,
+};
 use super::tree_view::TreeView;
 use super::{few_rays, instances, setup};
 use crate::bvh::{Bvh, Filter, WIDTH};
 use crate::lanes::{Lanes, MAX_LANES};
 use crate::stream::Ray;
+use glam::Vec3;
+use std::cell::RefCell;
+use std::ptr;
 
 /// Octants that take turns. More would give prefetches more time, but what their visits share would have left the
 /// nearest caches in between.
@@ -101,12 +107,63 @@ pub(super) fn trace<W: Lanes, E: Lanes, const ANY: bool, const INSTANCED: bool>(
         unsafe {
             if INSTANCED {
                 let instances = bvh.instances();
-                instances::traverse::<W, E, ANY>(widths, &sub, instances, stacks, &counts, local);
+                let visits = instances::HitVisits::<W, E, ANY> { widths };
+                instances::traverse(widths, &visits, &sub, instances, stacks, &counts, local);
             } else {
                 let visitor = RayVisitor::<W, E, _, ANY> { widths, space: World, sub: &sub };
                 traverse(&visitor, stacks, &counts);
             }
         }
+    }
+}
+
+/// Hands all triangles that rays may cross to a sink, with the rays' indices.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
+    widths: Widths<W, E>,
+    bvh: &Bvh,
+    rays: &[Ray],
+    sink: &mut dyn TriangleSink,
+    scratch: &mut Scratch,
+) {
+    const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
+    let tree = TreeView::new(bvh.wide(), None);
+    let Scratch { rows, shafts, stacks, local, .. } = scratch;
+    local.clear();
+    for stack in stacks.iter_mut() {
+        stack.clear();
+        // Invariant 3.
+        stack.entries.reserve(entry_capacity(bvh.wide().depth()));
+    }
+    for (part, rays) in rays.chunks(MAX_RAYS).enumerate() {
+        let mut sink = FromIndex { first: part * MAX_RAYS, sink: &mut *sink };
+        let sink: RefCell<&mut dyn TriangleSink> = RefCell::new(&mut sink);
+        let counts = setup::prepare(widths.wide, bvh.scene_max_abs(), rays, rows, shafts, stacks);
+        // No answers are written.
+        let answers = AnswerPointer::Occluded(ptr::null_mut());
+        let sub = SubStream { tree, rows: rows.as_mut_ptr(), rays: rays.as_ptr(), shafts, answers };
+        // SAFETY: as in `trace`; a `CandidateVisitor` writes no answers.
+        unsafe {
+            if bvh.instances().is_empty() {
+                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink };
+                traverse(&visitor, stacks, &counts);
+            } else {
+                let visits = CandidateVisits { widths, sink: &sink };
+                instances::traverse(widths, &visits, &sub, bvh.instances(), stacks, &counts, local);
+            }
+        }
+    }
+}
+
+/// A sink for rays whose indices begin further on.
+struct FromIndex<'a> {
+    first: usize,
+    sink: &'a mut dyn TriangleSink,
+}
+
+impl TriangleSink for FromIndex<'_> {
+    fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32 {
+        self.sink.take(self.first + ray, primitive, corners)
     }
 }
 

@@ -1,0 +1,275 @@
+//! Columns of hits: what a call computes and writes.
+
+use super::mesh::normal;
+use super::rays::Rays;
+use super::target::Target;
+use crate::stream::Hit;
+use glam::{DVec3, Vec3};
+
+/// Columns of the first hits of rays, each as long as the rays, in memory of the caller. What is `None` is not computed.
+///
+/// ```
+/// use raystream_rays::query::{HitColumns, Mesh, Ray, RayQueries, Rule};
+///
+/// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+/// let rays = [0.25, 5.0].map(|x| Ray::new([x, 0.5, 2.0], [0.0, 0.0, -1.0]));
+/// let (mut t, mut normals) = ([0.0; 2], [[0.0; 3]; 2]);
+/// let mut columns = HitColumns { t: Some(&mut t), normal: Some(&mut normals), ..HitColumns::default() };
+/// mesh.cast(&rays.as_slice().into(), Rule::Closed, &mut columns);
+/// assert_eq!(t, [2.0, f32::INFINITY]);
+/// assert_eq!(normals, [[0.0, 0.0, 1.0], [0.0; 3]]);
+/// # Ok::<(), raystream_rays::query::GeometryError>(())
+/// ```
+#[derive(Debug, Default)]
+pub struct HitColumns<'a> {
+    /// Distance in lengths of the direction; +∞ for a miss.
+    pub t: Option<&'a mut [f32]>,
+    /// Index of the triangle in its mesh; [`super::MISS`] for a miss.
+    pub primitive: Option<&'a mut [u32]>,
+    /// Index of the instance in its world, 0 for a mesh; [`super::MISS`] for a miss.
+    pub instance: Option<&'a mut [u32]>,
+    /// Barycentric weights of the triangle's second and third corner, 0 to 1; 0 for a miss.
+    pub uv: Option<&'a mut [[f32; 2]]>,
+    /// Geometric normal of length 1, on the side from which the corners are seen in counterclockwise order; 0 for a miss.
+    pub normal: Option<&'a mut [[f32; 3]]>,
+    /// The point that is hit, in the caller's units; NaN for a miss.
+    pub position: Option<&'a mut [[f32; 3]]>,
+    /// The point that is hit, in `f64`, for meshes that are far from the origin.
+    pub position64: Option<&'a mut [[f64; 3]]>,
+    /// Normal of length 1 interpolated between the corners; 0 for a miss.
+    pub shading_normal: Option<Interpolated<'a>>,
+    /// A number of the triangle; NaN for a miss.
+    pub attribute: Option<Attribute<'a>>,
+}
+
+/// Column of normals that are interpolated over triangles. For a mesh alone; an instance does not turn them.
+#[derive(Debug)]
+pub struct Interpolated<'a> {
+    /// A normal for each vertex.
+    pub normals: &'a [[f32; 3]],
+    /// The triangles of the mesh, which index `normals`.
+    pub triangles: &'a [[u32; 3]],
+    /// The column.
+    pub column: &'a mut [[f32; 3]],
+}
+
+/// Column of numbers of the triangles that are hit.
+#[derive(Debug)]
+pub struct Attribute<'a> {
+    /// A number for each triangle; for a world those of one instance after the other.
+    pub of_triangles: &'a [f32],
+    /// The column.
+    pub column: &'a mut [f32],
+}
+
+/// Columns that are divided among threads.
+pub(super) trait Divide: Send + Sized {
+    /// Splits off the rows of the first `count`.
+    fn split_first(&mut self, count: usize) -> Self;
+}
+
+impl<T: Send> Divide for &mut [T] {
+    fn split_first(&mut self, count: usize) -> Self {
+        let (first, rest) = std::mem::take(self).split_at_mut(count);
+        *self = rest;
+        first
+    }
+}
+
+impl Divide for () {
+    fn split_first(&mut self, _: usize) -> Self {}
+}
+
+impl<C: Divide> Divide for Option<C> {
+    fn split_first(&mut self, count: usize) -> Self {
+        self.as_mut().map(|column| column.split_first(count))
+    }
+}
+
+impl<A: Divide, B: Divide> Divide for (A, B) {
+    fn split_first(&mut self, count: usize) -> Self {
+        (self.0.split_first(count), self.1.split_first(count))
+    }
+}
+
+impl Divide for Interpolated<'_> {
+    fn split_first(&mut self, count: usize) -> Self {
+        Self { column: self.column.split_first(count), ..*self }
+    }
+}
+
+impl Divide for Attribute<'_> {
+    fn split_first(&mut self, count: usize) -> Self {
+        Self { column: self.column.split_first(count), ..*self }
+    }
+}
+
+impl Divide for HitColumns<'_> {
+    fn split_first(&mut self, count: usize) -> Self {
+        Self {
+            t: self.t.split_first(count),
+            primitive: self.primitive.split_first(count),
+            instance: self.instance.split_first(count),
+            uv: self.uv.split_first(count),
+            normal: self.normal.split_first(count),
+            position: self.position.split_first(count),
+            position64: self.position64.split_first(count),
+            shading_normal: self.shading_normal.split_first(count),
+            attribute: self.attribute.split_first(count),
+        }
+    }
+}
+
+impl HitColumns<'_> {
+    /// The same columns, borrowed.
+    pub(super) fn reborrow(&mut self) -> HitColumns<'_> {
+        HitColumns {
+            t: self.t.as_deref_mut(),
+            primitive: self.primitive.as_deref_mut(),
+            instance: self.instance.as_deref_mut(),
+            uv: self.uv.as_deref_mut(),
+            normal: self.normal.as_deref_mut(),
+            position: self.position.as_deref_mut(),
+            position64: self.position64.as_deref_mut(),
+            shading_normal: self.shading_normal.as_mut().map(|of| Interpolated {
+                normals: of.normals,
+                triangles: of.triangles,
+                column: &mut *of.column,
+            }),
+            attribute: self
+                .attribute
+                .as_mut()
+                .map(|of| Attribute { of_triangles: of.of_triangles, column: &mut *of.column }),
+        }
+    }
+
+    /// Panics unless each column has as many rows as there are rays.
+    pub(super) fn check(&self, rays: usize) {
+        let lengths = [
+            self.t.as_ref().map(|column| column.len()),
+            self.primitive.as_ref().map(|column| column.len()),
+            self.instance.as_ref().map(|column| column.len()),
+            self.uv.as_ref().map(|column| column.len()),
+            self.normal.as_ref().map(|column| column.len()),
+            self.position.as_ref().map(|column| column.len()),
+            self.position64.as_ref().map(|column| column.len()),
+            self.shading_normal.as_ref().map(|of| of.column.len()),
+            self.attribute.as_ref().map(|of| of.column.len()),
+        ];
+        assert!(lengths.into_iter().flatten().all(|len| len == rays), "one row per ray in each column");
+    }
+}
+
+/// Number of hits between the prefetch of a triangle's place and its use.
+const PREFETCH_PLACE: usize = 32;
+
+/// Number of hits between the prefetch of a triangle and its use.
+const PREFETCH_TRIANGLE: usize = 16;
+
+/// What the columns of hits are computed from.
+pub(super) struct ColumnWriter<'a> {
+    pub target: Target<'a>,
+    pub rays: &'a Rays<'a>,
+    /// Index of the first ray.
+    pub first: usize,
+}
+
+impl ColumnWriter<'_> {
+    /// Writes the columns of hits, whose `t` is in the caller's units and whose primitive ids are those of the tree.
+    pub fn write(&self, hits: &[Hit], columns: HitColumns<'_>) {
+        let Target { firsts, .. } = self.target;
+        let HitColumns {
+            t,
+            primitive,
+            instance,
+            uv,
+            normal,
+            position,
+            position64,
+            shading_normal,
+            attribute,
+        } = columns;
+        if let Some(column) = t {
+            column.iter_mut().zip(hits).for_each(|(t, hit)| *t = hit.t);
+        }
+        if let Some(column) = uv {
+            column.iter_mut().zip(hits).for_each(|(uv, hit)| *uv = [hit.u, hit.v]);
+        }
+        if firsts.is_none() {
+            if let Some(column) = primitive {
+                column.iter_mut().zip(hits).for_each(|(primitive, hit)| *primitive = hit.primitive);
+            }
+            if let Some(column) = instance {
+                column
+                    .iter_mut()
+                    .zip(hits)
+                    .for_each(|(i, hit)| *i = if hit.is_miss() { super::MISS } else { 0 });
+            }
+        } else if primitive.is_some() || instance.is_some() {
+            self.write_ids(hits, primitive, instance);
+        }
+        if let Some(column) = normal {
+            self.write_normals(hits, column);
+        }
+        if let Some(column) = position {
+            let at = |i: usize| self.position(i, &hits[i]).as_vec3().to_array();
+            column.iter_mut().enumerate().for_each(|(i, position)| *position = at(i));
+        }
+        if let Some(column) = position64 {
+            let at = |i: usize| self.position(i, &hits[i]).to_array();
+            column.iter_mut().enumerate().for_each(|(i, position)| *position = at(i));
+        }
+        if let Some(Interpolated { normals, triangles, column }) = shading_normal {
+            for (normal, hit) in column.iter_mut().zip(hits) {
+                *normal = if hit.is_miss() { [0.0; 3] } else { interpolated(hit, normals, triangles) };
+            }
+        }
+        if let Some(Attribute { of_triangles, column }) = attribute {
+            for (value, hit) in column.iter_mut().zip(hits) {
+                *value = if hit.is_miss() { f32::NAN } else { of_triangles[hit.primitive as usize] };
+            }
+        }
+    }
+
+    fn write_ids(&self, hits: &[Hit], mut primitive: Option<&mut [u32]>, mut instance: Option<&mut [u32]>) {
+        for (i, hit) in hits.iter().enumerate() {
+            let hit = self.target.world_hit(hit);
+            if let Some(column) = &mut primitive {
+                column[i] = hit.primitive;
+            }
+            if let Some(column) = &mut instance {
+                column[i] = hit.instance;
+            }
+        }
+    }
+
+    fn write_normals(&self, hits: &[Hit], column: &mut [[f32; 3]]) {
+        let bvh = &**self.target.tracers.bvh();
+        let is_hit = |ahead: &&Hit| !ahead.is_miss();
+        for (i, (hit, to)) in hits.iter().zip(column).enumerate() {
+            if let Some(ahead) = hits.get(i + PREFETCH_PLACE).filter(is_hit) {
+                bvh.prefetch_reference(ahead.primitive);
+            }
+            if let Some(ahead) = hits.get(i + PREFETCH_TRIANGLE).filter(is_hit) {
+                bvh.prefetch_triangle(ahead.primitive);
+            }
+            *to = if hit.is_miss() { [0.0; 3] } else { normal(bvh.corners(hit.primitive)).to_array() };
+        }
+    }
+
+    /// The point of a hit in the caller's units.
+    fn position(&self, index: usize, hit: &Hit) -> DVec3 {
+        if hit.is_miss() {
+            return DVec3::NAN;
+        }
+        self.rays.at(self.first + index, f64::from(hit.t))
+    }
+}
+
+/// The unit normal between the corners of a triangle.
+fn interpolated(hit: &Hit, normals: &[[f32; 3]], triangles: &[[u32; 3]]) -> [f32; 3] {
+    let [a, b, c] =
+        triangles[hit.primitive as usize].map(|corner| Vec3::from_array(normals[corner as usize]));
+    let sum = (1.0 - hit.u - hit.v) * a + hit.u * b + hit.v * c;
+    sum.normalize_or_zero().to_array()
+}

@@ -1,0 +1,257 @@
+//! Triangles that rays may cross, for tests other than the canonical one: the half-open test of
+//! [`crate::geom::HalfOpenRay`] and what is counted, summed and listed by it.
+//!
+//! Rays are traced as streams, in lists and pairs as in `ray_lists`. At a leaf, edge functions in lanes say for which
+//! triangles the signs are certain. Those that the line certainly misses are dropped; all others are *candidates*, which
+//! a [`TriangleSink`] tests one by one.
+//!
+//! Unsafe code for rows, rays, lists and pairs. Invariants 1 to 7 are those of `substream` and `child_lists`.
+#![allow(unsafe_code, reason = "the invariants above")]
+
+use super::instance_space::{Space, splat_triangle};
+use super::instances::VisitInstance;
+use super::lane_math::{LaneVec3, add, cross, dot, max_abs, sub};
+use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
+use super::ray_lists::visit_node;
+use super::ray_node_pairs;
+use super::substream::{OctantStack, SubStream, Visitor, Widths, prefetch_rows, ray_index};
+use super::triangle::{Lines, relative_corners};
+use super::visit_order::VisitOrder;
+use crate::bvh::{Child, LeafBlock, WIDTH};
+use crate::lanes::{
+    LaneBits, Lanes, MAX_LANES, SingleLane, both, each, first_lanes, keep, splat, splat_eights,
+};
+use glam::Vec3;
+use std::cell::RefCell;
+
+/// Tests the triangles that rays may cross.
+pub trait TriangleSink {
+    /// Takes a triangle with its primitive id and its corners in the world, and the index of a ray that may cross it.
+    /// Returns the `t` beyond which the ray needs no more triangles: +∞ for all, a negative number for none.
+    fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32;
+}
+
+/// Candidates that are handed to the sink at once.
+const CANDIDATE_BATCH: usize = 64;
+
+/// Follows rays in lists and pairs, as `RayVisitor` does, and hands candidates to a sink.
+pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
+    pub widths: Widths<W, E>,
+    pub space: S,
+    pub sub: &'a SubStream<'a>,
+    pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+}
+
+impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn step(&self, octant: usize, stack: &mut OctantStack) -> bool {
+        let Self { widths, space, sub, .. } = *self;
+        // SAFETY: the caller's contract.
+        unsafe {
+            if stack.has_block_batch() {
+                self.test_pairs(stack);
+            } else if stack.has_node_batch() {
+                ray_node_pairs::visit_nodes(widths, space, sub, octant, stack);
+            } else if let Some(entry) = stack.entries.pop() {
+                if entry.child.is_block() {
+                    let list = entry.start as usize..(entry.start + entry.len) as usize;
+                    self.test_list(stack, entry.child, list);
+                } else {
+                    let order =
+                        VisitOrder::front_to_back(sub.tree.node(entry.child), space.order_octant(octant));
+                    visit_node::<_, _, _, true>(widths, space, sub, order, octant, stack, entry);
+                }
+            } else {
+                self.hand_over(stack);
+                return false;
+            }
+            if stack.candidates.len() >= CANDIDATE_BATCH {
+                self.hand_over(stack);
+            }
+        }
+        true
+    }
+}
+
+impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
+    /// Tests all rays of a list against the triangles of a block, many rays in a vector.
+    ///
+    /// # Safety
+    /// Invariants 1, 2, 4 and 6. The child is a block, and the list lies in the stack's arena.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn test_list(&self, stack: &mut OctantStack, child: Child, list: std::ops::Range<usize>) {
+        let Self { widths: Widths { wide: w, eight: e }, space, sub, .. } = *self;
+        // SAFETY: invariant 4.
+        let block = unsafe { sub.tree.block(child) };
+        let corners = space.corners(e, &[block; 2]);
+        let corners = [keep(e, corners[0]), keep(e, corners[1]), keep(e, corners[2])];
+        let child = w.splat_u32(bytemuck::cast(child));
+        for at in list.clone().step_by(W::LANES) {
+            // SAFETY: invariant 2.
+            let ids = unsafe { stack.arena.as_ptr().add(at) };
+            let among = first_lanes::<W>(list.end - at);
+            // SAFETY: invariant 2 for the ids, 1 for rays.
+            let [ox, oy, oz, _, dx, dy, dz, _] = unsafe { w.rows(sub.rays.cast(), ids) };
+            if at + W::LANES < list.end {
+                // SAFETY: invariant 2.
+                unsafe { prefetch_rows(w, sub.rays, ids.add(W::LANES)) };
+            }
+            let lines = Lines { origin: [ox, oy, oz], direction: [dx, dy, dz] };
+            // SAFETY: invariant 2.
+            let ids = unsafe { w.load_u32(ids) };
+            for row in 0..block.len() {
+                let some = candidates(w, among, &lines, &splat_triangle(w, &corners, row));
+                if some != 0 {
+                    stack.candidates.reserve(MAX_LANES);
+                    // SAFETY: invariant 6, as reserved.
+                    unsafe {
+                        stack.candidates.push_lanes(w, some, w.or_u32(ids, w.splat_u32(row as u32)), child)
+                    };
+                }
+            }
+            if stack.candidates.len() >= CANDIDATE_BATCH {
+                // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant 5).
+                unsafe { self.hand_over(stack) };
+            }
+        }
+    }
+
+    /// Tests the topmost pairs of rays and blocks, one pair in each eight lanes.
+    ///
+    /// # Safety
+    /// Invariants 1, 4 and 6.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn test_pairs(&self, stack: &mut OctantStack) {
+        let Self { widths: Widths { wide: w, .. }, space, sub, .. } = *self;
+        let OctantStack { block_pairs, candidates: found, .. } = stack;
+        let len = block_pairs.len().min(BLOCK_BATCH);
+        found.reserve(len * WIDTH);
+        let (ids, children) = block_pairs.pop(len);
+        let step = W::LANES / WIDTH;
+        for i in (0..len).step_by(step) {
+            // If there is no second pair, the last one stands in for it; its lanes are masked out.
+            let pair = [i, (i + step).min(len) - 1];
+            // SAFETY: invariant 6 for the pairs, 1 for the rays, 4 for the blocks.
+            let (rays, ids, children, blocks) = unsafe {
+                let ids = both(pair, |i| *ids.add(i));
+                let children = both(pair, |i| *children.add(i));
+                let blocks: [Child; 2] = both(children, bytemuck::cast);
+                (both(ids, |id| &*sub.rays.byte_add(id as usize)), ids, children, blocks)
+            };
+            let [first, second] = both(blocks, |child| (1 << child.triangles()) - 1);
+            let among = (first | second << WIDTH) & first_lanes::<W>(WIDTH * (len - i));
+            // SAFETY: invariant 4.
+            let triangle =
+                space.corners(w, &unsafe { [sub.tree.block(blocks[0]), sub.tree.block(blocks[1])] });
+            let lines = Lines {
+                origin: splat_eights(w, both(rays, |ray| ray.origin)),
+                direction: splat_eights(w, both(rays, |ray| ray.direction)),
+            };
+            let some = candidates(w, among, &lines, &triangle);
+            // SAFETY: invariant 6, as reserved.
+            unsafe {
+                let rows = w.load_u32(BLOCK_ROWS.as_ptr());
+                found.push_lanes(w, some, w.or_u32(splat_id_pair(w, ids), rows), splat_id_pair(w, children));
+            }
+        }
+    }
+
+    /// Hands all candidates to the sink.
+    ///
+    /// # Safety
+    /// Invariants 1, 4, 5 and 6.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn hand_over(&self, stack: &mut OctantStack) {
+        let Self { space, sub, .. } = *self;
+        let count = stack.candidates.len();
+        if count == 0 {
+            return;
+        }
+        let (ids, children) = stack.candidates.pop(count);
+        let mut sink = self.sink.borrow_mut();
+        for i in 0..count {
+            // SAFETY: invariant 6 for the candidates, 4 for the block, 1 for the row.
+            let (id, block, limit) = unsafe {
+                let (id, child): (u32, Child) = (*ids.add(i), bytemuck::cast(*children.add(i)));
+                let ray = id as usize & !(WIDTH - 1);
+                (id, sub.tree.block(child), &mut (*sub.rows.byte_add(ray)).limit)
+            };
+            if *limit < 0.0 {
+                continue;
+            }
+            let row = id as usize % WIDTH;
+            let primitive = space.scene_id(block.id(row)) & crate::bvh::PRIMITIVE;
+            let new = sink.take(ray_index(id), primitive, world_corners(space, &block, row));
+            // Adding +0 turns −0 into 0, as the integer comparisons of `Slabs` require of limits.
+            *limit = limit.min(new) + 0.0;
+        }
+    }
+}
+
+/// The corners of a triangle in the world.
+#[inline(always)]
+fn world_corners<S: Space>(space: S, block: &LeafBlock<'_>, row: usize) -> [Vec3; 3] {
+    let l = SingleLane::default();
+    each(block.corners(row), |corner| {
+        let moved = space.to_world(l, splat(l, corner.to_array()));
+        Vec3::from_array(each(moved, |coordinate| l.lowest(coordinate)))
+    })
+}
+
+/// The row of a triangle for each lane, when each eight lanes hold a block.
+static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+
+/// Bound of the rounding errors of an edge function, relative to the product of the longest edge, the greatest distance
+/// from the origin and the direction, each by its largest component: 78 units of rounding for the operations below to
+/// first order, and a reserve.
+const ERRORS: f32 = 100.0 / (1 << 24) as f32;
+
+/// The lanes of `among` whose line may cross the triangle: all but those that two edges certainly have on different
+/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are not
+/// relative to the origin: so they are as exact as they can be.
+#[inline(always)]
+fn candidates<L: Lanes>(l: L, among: LaneBits, lines: &Lines<L>, triangle: &[LaneVec3<L>; 3]) -> LaneBits {
+    let Lines { origin, direction } = lines;
+    let [p, q, r] = *triangle;
+    let [a, b, c] = relative_corners(l, origin, triangle);
+    let edges = [sub(l, r, p), sub(l, p, q), sub(l, q, r)];
+    let u = dot(l, cross(l, edges[0], add(l, c, a)), *direction);
+    let v = dot(l, cross(l, edges[1], add(l, a, b)), *direction);
+    let w = dot(l, cross(l, edges[2], add(l, b, c)), *direction);
+    let longest = largest(l, &edges);
+    let reach = largest(l, &[a, b, c]);
+    // The small numbers are for products that underflow.
+    let product = l.fma(longest, reach, l.splat(1e-36));
+    let bound = l.fma(product, l.mul(max_abs(l, *direction), l.splat(ERRORS)), l.splat(1e-37));
+    let lowest = l.min(l.min(u, v), w);
+    let highest = l.max(l.max(u, v), w);
+    among & !l.lt(l.lt(among, bound, highest), lowest, l.neg(bound))
+}
+
+/// The largest component of three vectors.
+#[inline(always)]
+fn largest<L: Lanes>(l: L, vectors: &[LaneVec3<L>; 3]) -> L::F {
+    let [a, b, c] = *vectors;
+    l.max(l.max(max_abs(l, a), max_abs(l, b)), max_abs(l, c))
+}
+
+/// Visits instances with a [`CandidateVisitor`].
+pub(super) struct CandidateVisits<'a, 's, W, E> {
+    pub widths: Widths<W, E>,
+    pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+}
+
+impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
+    #[inline(always)]
+    unsafe fn visit_all<S: Space>(
+        &self,
+        space: S,
+        sub: &SubStream<'_>,
+        octant: usize,
+        stack: &mut OctantStack,
+    ) {
+        let visitor = CandidateVisitor { widths: self.widths, space, sub, sink: self.sink };
+        // SAFETY: the caller's contract.
+        while unsafe { visitor.step(octant, stack) } {}
+    }
+}
