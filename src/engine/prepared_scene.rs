@@ -62,7 +62,7 @@ pub struct PreparedScene {
     pub single_ray: Arc<SingleRayTracer>,
     /// Name of the GPU adapter in use.
     pub adapter: Option<String>,
-    /// Why a requested GPU is not used, or not for all of its work. The CPU does that.
+    /// The reason why a requested GPU is not used, or not for all of its work. The CPU does that.
     pub degraded: Option<String>,
     units: Units,
     device: Option<Device>,

@@ -8,7 +8,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use crate::trace::cpu::{SimdError, SimdLevel};
 use std::sync::{Arc, Once};
 
-/// Which units to open.
+/// A choice of units to open.
 ///
 /// ```no_run
 /// use raystream::engine::{UnitChoice, Units};
@@ -80,7 +80,7 @@ enum Gpus {
     Open(OpenGpu),
 }
 
-/// Why the requested units cannot be opened.
+/// Reason why the requested units cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnitsError {

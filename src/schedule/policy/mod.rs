@@ -12,7 +12,7 @@ pub use device::{DevicePace, Line, PathLengths, QUEUED};
 use std::time::Duration;
 pub use table::{MOONRAY_SMALL, Policy};
 
-/// Which units trace a job's rays.
+/// The units that trace a job's rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Unit {
@@ -43,7 +43,7 @@ pub enum Rule {
     Submit,
 }
 
-/// How fast a unit has traced or shaded a job's rays so far.
+/// The pace at which a unit has traced or shaded a job's rays so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pace {
     /// Rays and shadow rays.
@@ -73,7 +73,7 @@ impl std::ops::AddAssign for Pace {
     }
 }
 
-/// How threads are shared between jobs.
+/// A rule that shares threads between jobs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Sharing {
@@ -91,7 +91,7 @@ pub enum Sharing {
 /// ray that is spawned, traced and shaded counts three times.
 pub const TURN_RAYS: u64 = 1 << 22;
 
-/// What the policy sees of a job.
+/// A job as the policy sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     /// The units that trace; [`Unit::Cpu`] once the device is lost.
@@ -122,11 +122,11 @@ pub struct View {
     pub shade: usize,
     /// Tasks under way.
     pub tasks: usize,
-    /// How fast host threads trace.
+    /// The pace at which host threads trace.
     pub cpu: Pace,
-    /// How fast host threads shade.
+    /// The pace at which host threads shade.
     pub shading: Pace,
-    /// How fast the device is, and what its rays cost the host.
+    /// The pace of the device, and the host's cost of its rays.
     pub device: DevicePace,
     /// Rays and shadow rays of a bundle.
     pub bundle_rays: usize,
@@ -140,16 +140,16 @@ pub struct View {
     pub failed: usize,
     /// Paths that have not ended or not begun.
     pub paths_left: u64,
-    /// How long paths have been so far.
+    /// Lengths of paths so far.
     pub lengths: PathLengths,
 }
 
 /// A job as the choice between jobs sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Turn {
-    /// What the policy sees of the job.
+    /// The job as the policy sees it.
     pub view: View,
-    /// How urgent the job is now.
+    /// The job's urgency now.
     pub priority: Priority,
     /// Rays given to threads so far, counted at each task.
     pub served: u64,
@@ -162,7 +162,7 @@ impl Turn {
     }
 }
 
-/// What the policy sees of the threads.
+/// The threads as the policy sees them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Load {
     /// Host threads.
@@ -171,7 +171,7 @@ pub struct Load {
     pub queued: usize,
 }
 
-/// How large host threads' tasks are.
+/// Size of host threads' tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TaskSize {
