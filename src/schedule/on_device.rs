@@ -3,7 +3,9 @@
 use super::device_account::BundleAccount;
 use super::flights::{Answers, BundleId};
 use super::lists::weight;
-use crate::stream::{Answered, OnDevice, RayStream, Resolve, paths};
+#[cfg(test)]
+use crate::stream::paths;
+use crate::stream::{Answered, OnDevice, RayStream, Resolve};
 
 /// A bundle of the job that a device has.
 struct Bundle<P, S> {
@@ -104,6 +106,7 @@ impl<P, S> WithDevice<P, S> {
     }
 
     /// Paths of the streams that have not been taken back.
+    #[cfg(test)]
     pub fn paths(&self, shadow_rays_per_path: usize) -> usize {
         let streams = self.bundles.iter().flat_map(|bundle| bundle.streams.iter().flatten());
         let count = |s: &RayStream<_, P, S>| paths(s.rays(), s.shadow_rays(), shadow_rays_per_path);
