@@ -34,7 +34,7 @@ fn the_tree_has_the_right_triangles_and_stores_shared_ones_once() {
 }
 
 #[test]
-fn moved_instances_have_the_boxes_of_a_tree_built_over_them() {
+fn boxes_of_moved_instances_hold_them_and_are_hardly_larger() {
     let (_, InstancedScene { bvh, .. }, _) = instanced_scenes::all().swap_remove(2);
     let mut bvh = Arc::unwrap_or_clone(bvh);
     for (step, distance) in [(1, 0.5), (2, 50.0)] {
@@ -47,13 +47,16 @@ fn moved_instances_have_the_boxes_of_a_tree_built_over_them() {
         bvh.move_instances(placements.into_iter());
         assert_eq!(bvh.validate(), Ok(()));
         let whole = Aabb::around((0..bvh.len() as u32).flat_map(|primitive| bvh.corners(primitive)));
-        assert_eq!(bvh.bounds(), whole);
+        assert!(bvh.bounds().contains(&whole));
+        assert_eq!(bvh.scene_max_abs(), whole.max_abs());
         for TreeInstance { tree, placement, bounds, first_primitive } in bvh.instances() {
             // The loose triangles have other ids than 0, 1, 2 and so on.
             if *first_primitive > 0 {
                 let corners = (0..tree.len() as u32).flat_map(|primitive| tree.corners(primitive));
                 let placement = placement.expect("moved");
-                assert_eq!(*bounds, Aabb::around(corners.map(|corner| placement.point(corner))));
+                let smallest = Aabb::around(corners.map(|corner| placement.point(corner)));
+                assert!(bounds.contains(&smallest));
+                assert!(bounds.half_area() <= 1.1 * smallest.half_area() + 1e-3);
             }
         }
     }

@@ -5,6 +5,7 @@ use super::Bvh;
 use super::child::{Child, WIDTH};
 use super::huge_pages::HugePages;
 use super::leaf_block::LeafBlocks;
+use super::supports::negated;
 use super::wide_tree::{WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
 use std::sync::Arc;
@@ -18,7 +19,8 @@ pub struct TreeInstance {
     pub placement: Option<Placement>,
     /// Added to the tree's primitive ids.
     pub first_primitive: u32,
-    /// The smallest box around the moved triangles.
+    /// The smallest box around the moved triangles, or one that is a few percent larger: see
+    /// [`Bvh::move_instances`].
     pub bounds: Aabb,
 }
 
@@ -26,6 +28,12 @@ impl TreeInstance {
     /// A tree moved by `placement`. Its primitive ids count from `first_primitive`.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
         let bounds = moved_bounds(&tree, &placement);
+        Self { tree, placement: Some(placement), first_primitive, bounds }
+    }
+
+    /// As [`TreeInstance::placed`], with a box that may be a few percent larger but takes nanoseconds.
+    pub fn placed_roughly(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
+        let bounds = rough_bounds(&tree, &placement);
         Self { tree, placement: Some(placement), first_primitive, bounds }
     }
 
@@ -54,6 +62,42 @@ fn moved_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
         stack.extend(slots.map(|slot| (node.children[slot], node.bounds(slot))));
     }
     found
+}
+
+/// A box around the moved triangles of a tree.
+fn rough_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
+    if tree.is_empty() { Aabb::EMPTY } else { tree.supports().moved_bounds(&tree.bounds, placement) }
+}
+
+/// A face of an instance's box: what its coordinate is at most, in size, and which it is. The upper faces come first.
+type Face = (f32, usize, usize);
+
+/// The largest coordinate, in size, of the moved triangles of all instances, to the bit. Their boxes need not be the
+/// smallest: where a box could have it, its tree is asked.
+fn max_abs(instances: &[TreeInstance]) -> f32 {
+    let faces = instances.iter().enumerate().flat_map(|(at, TreeInstance { bounds, .. })| {
+        let [high, low] = [bounds.max, -bounds.min];
+        [high.x, high.y, high.z, low.x, low.y, low.z]
+            .into_iter()
+            .zip(0..)
+            .map(move |(most, face)| (most, at, face))
+    });
+    let exact = |&(bound, at, face): &Face| match (&instances[at].placement, face) {
+        (None, _) => bound,
+        (Some(placement), 0..3) => instances[at].tree.highest(placement.rows[face]),
+        (Some(placement), _) => instances[at].tree.highest(negated(placement.rows[face - 3])),
+    };
+    let by_bound = |a: &Face, b: &Face| b.0.total_cmp(&a.0);
+    // The face that reaches farthest excludes most others.
+    let mut most = faces.clone().min_by(by_bound).map_or(0.0, |face| exact(&face).max(0.0));
+    let mut left: Vec<Face> = faces.filter(|face| face.0 > most).collect();
+    left.sort_unstable_by(by_bound);
+    for face in &left {
+        if face.0 > most {
+            most = most.max(exact(face));
+        }
+    }
+    most
 }
 
 /// Factor by which the cost of the tree over instances may grow before it is built anew.
@@ -87,13 +131,15 @@ impl Bvh {
         let mut instances = Instances::new(instances);
         let wide = instances.tree_over(&over_boxes);
         instances.built_cost = cost_over_instances(&wide);
-        Self { wide, triangle_blocks: Vec::new(), instances: Some(instances), ..over_boxes }
+        let max_abs = max_abs(&instances.all);
+        Self { max_abs, wide, triangle_blocks: Vec::new(), instances: Some(instances), ..over_boxes }
     }
 
     /// Moves the instances of a two-level tree, one placement each in the order of [`Bvh::instances`]. Hits are to
     /// the bit those of a tree that is built over the moved instances.
     ///
-    /// Refits the tree over the instances; builds it anew where its cost has grown by half.
+    /// Refits the tree over the instances; builds it anew where its cost has grown by half. Their boxes may be a few
+    /// percent larger than the smallest ones: so a move does not walk through the instances' trees.
     ///
     /// # Panics
     /// If there is not one placement for each instance.
@@ -105,7 +151,7 @@ impl Bvh {
         assert_eq!(placements.len(), instances.all.len(), "one placement per instance");
         for (instance, placement) in instances.all.iter_mut().zip(placements) {
             instance.placement = Some(placement);
-            instance.bounds = moved_bounds(&instance.tree, &placement);
+            instance.bounds = rough_bounds(&instance.tree, &placement);
         }
         // Children come after their parents.
         let nodes = &mut self.wide.nodes;
@@ -125,6 +171,7 @@ impl Bvh {
             nodes[at].update_front_to_back();
         }
         self.bounds = nodes[0].union_of_children();
+        self.max_abs = max_abs(&instances.all);
         if cost_over_instances(&self.wide) > MAX_COST_GROWTH * instances.built_cost {
             *self = Self::from_instances(std::mem::take(&mut instances.all));
         }

@@ -36,6 +36,7 @@ mod reinsertion;
 mod sah;
 mod shadow_order;
 mod small_subtree;
+mod supports;
 mod validate;
 mod wide_tree;
 
@@ -60,7 +61,8 @@ use collapse_plan::Costs;
 use glam::Vec3;
 use indexed_mesh::IndexedMesh;
 use instancing::Instances;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+use supports::Supports;
 
 /// A bounding volume hierarchy over triangles, with everything that tracers need of them. Either a tree of
 /// triangles ([`Bvh::build`]) or a two-level tree over instances of such trees ([`Bvh::from_instances`]).
@@ -73,6 +75,10 @@ pub struct Bvh {
     /// The leaf block that holds each triangle, by index. Empty in a two-level tree.
     triangle_blocks: Vec<Child>,
     bounds: Aabb,
+    /// The largest coordinate of all triangles.
+    max_abs: f32,
+    /// Of a tree of triangles, once it is needed.
+    supports: OnceLock<Box<Supports>>,
     /// The primitive ids of the triangles, by index.
     ids: PrimitiveIds,
     /// `None` in a tree of triangles.
@@ -98,7 +104,16 @@ impl Bvh {
         let tree = BinaryTree::build(triangles.len(), |primitive| mesh.corners(primitive), Costs::of_tree);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root).to_aabb());
         let (wide, triangle_blocks) = collapse::collapse(tree, &mesh);
-        Self { wide, triangle_blocks, bounds, ids: PrimitiveIds::default(), instances: None }
+        let (max_abs, supports) = (bounds.max_abs(), OnceLock::new());
+        Self {
+            wide,
+            triangle_blocks,
+            bounds,
+            max_abs,
+            supports,
+            ids: PrimitiveIds::default(),
+            instances: None,
+        }
     }
 
     /// The same tree with other primitive ids, as many as there are triangles.
@@ -129,7 +144,7 @@ impl Bvh {
         })
     }
 
-    /// The box around all triangles.
+    /// The box around all triangles. Once instances have moved it may be a little larger.
     #[inline]
     pub fn bounds(&self) -> Aabb {
         self.bounds
@@ -172,7 +187,7 @@ impl Bvh {
     /// Largest absolute coordinate of all triangles, as [`crate::geom::CanonicalRay::new`] needs it.
     #[inline]
     pub fn scene_max_abs(&self) -> f32 {
-        self.bounds.max_abs()
+        self.max_abs
     }
 
     /// The corners of a triangle, in world space.

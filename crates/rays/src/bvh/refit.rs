@@ -10,6 +10,7 @@ use super::wide_tree::WideNode;
 use crate::geom::Aabb;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Number of leaf blocks that one thread moves at a time. It does not depend on the number of threads, so
 /// neither does the layout.
@@ -78,6 +79,7 @@ impl Bvh {
             }
         }
         self.bounds = nodes[0].union_of_children();
+        (self.max_abs, self.supports) = (self.bounds.max_abs(), OnceLock::new());
         nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::update_front_to_back);
         if must_repack {
             let count = self.triangle_blocks.len();

@@ -2,6 +2,7 @@
 
 mod counting;
 mod points;
+mod worlds;
 
 use super::tree_tracers::TreeTracers;
 use super::*;

@@ -7,7 +7,7 @@ use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
 use rayon::prelude::*;
 use std::cell::Cell;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// The largest number of rays that a thread traces at once.
 pub const SHARE_RAYS: usize = 32 * 1024;
@@ -51,7 +51,8 @@ impl TreeTracers {
     /// Changes the tree, which is copied first if clones share it.
     pub fn change<T>(&mut self, change: impl FnOnce(&mut Bvh) -> T) -> T {
         // The tracers' references are dropped first: else the tree would always be shared.
-        let (simd, empty) = (self.stream.simd(), Arc::new(Bvh::build(&[], &[], |_| false)));
+        static EMPTY: LazyLock<Arc<Bvh>> = LazyLock::new(|| Arc::new(Bvh::build(&[], &[], |_| false)));
+        let (simd, empty) = (self.stream.simd(), EMPTY.clone());
         let mut bvh = std::mem::replace(&mut self.bvh, empty.clone());
         *self = Self::new(empty, simd);
         let result = change(Arc::make_mut(&mut bvh));

@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use std::cell::Cell;
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 thread_local! {
     /// Hits before their instances are known.
@@ -36,11 +36,43 @@ thread_local! {
 /// assert_eq!((world.closest_one(&ray).instance, world.closest_one(&ray).t), (1, 2.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct World {
+    instances: Vec<Instance>,
+    /// Built at the first query after a change that needs it.
+    built: OnceLock<Built>,
+}
+
+/// An instance.
+#[derive(Clone)]
+struct Instance {
+    /// `None` once it has been removed.
+    mesh: Option<Mesh>,
+    placement: Placement,
+    is_visible: bool,
+}
+
+/// The tree over the instances that can be hit.
+#[derive(Clone)]
+struct Built {
     tracers: TreeTracers,
-    /// The first primitive id of each instance in the tree, and the number of all.
+    /// The first primitive id of each instance in the tree, and the number of all. Those that cannot be hit have none.
     firsts: Vec<u32>,
+}
+
+impl Instance {
+    fn new<T>(index: usize, mesh: Mesh, transform: T) -> Result<Self, WorldError>
+    where
+        T: TryInto<Placement, Error = PlacementError>,
+    {
+        let placement = checked(index, transform, &mesh)?;
+        Ok(Self { mesh: Some(mesh), placement, is_visible: true })
+    }
+
+    /// The mesh, if it can be hit.
+    fn hittable(&self) -> Option<&Mesh> {
+        self.mesh.as_ref().filter(|mesh| self.is_visible && mesh.triangle_count() > 0)
+    }
 }
 
 /// The nearest hit of a ray in a [`World`], or a miss.
@@ -103,8 +135,14 @@ pub enum WorldError {
         /// The largest number allowed.
         max: u32,
     },
-    /// The number of transforms differs from the world's number of instances.
-    #[error("{found} transforms for {expected} instances; give one each, or build a new world")]
+    /// There is no such instance.
+    #[error("there is no instance {instance}; it was removed, or the world has fewer")]
+    Missing {
+        /// Index of the instance.
+        instance: usize,
+    },
+    /// The number of transforms differs from the number of instances.
+    #[error("{found} transforms for {expected} instances; give one each")]
     Instances {
         /// Number of transforms given.
         found: usize,
@@ -128,20 +166,119 @@ impl World {
     where
         T: Copy + TryInto<Placement, Error = PlacementError>,
     {
-        let total: u64 = instances.iter().map(|(mesh, _)| mesh.triangle_count() as u64).sum();
-        if total > u64::from(PRIMITIVE) {
-            return Err(WorldError::TooMany { found: total, max: PRIMITIVE });
-        }
-        let (mut placed, mut firsts, mut first) = (Vec::new(), Vec::with_capacity(instances.len() + 1), 0);
+        let mut world = Self::default();
         for (index, (mesh, transform)) in instances.iter().enumerate() {
-            let placement = checked(index, *transform, mesh.bvh())?;
-            firsts.push(first);
-            placed.push(TreeInstance::placed(mesh.bvh().clone(), placement, first));
-            first += mesh.triangle_count() as u32;
+            world.instances.push(Instance::new(index, mesh.clone(), *transform)?);
         }
-        firsts.push(first);
-        let bvh = Arc::new(Bvh::from_instances(placed));
-        Ok(Self { tracers: TreeTracers::new(bvh, SimdLevel::detect()), firsts })
+        world.check_count()?;
+        world.built();
+        Ok(world)
+    }
+
+    /// Adds an instance and returns its index. The tree over the instances is built at the next query; the trees of the
+    /// meshes stay.
+    ///
+    /// ```
+    /// use raystream_rays::glam::{Affine3A, Vec3};
+    /// use raystream_rays::query::{Mesh, Ray, World};
+    ///
+    /// let mesh = Mesh::build(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])?;
+    /// let mut world = World::default();
+    /// let near = world.add(mesh.clone(), Affine3A::from_translation(-Vec3::Z))?;
+    /// let far = world.add(mesh, Affine3A::from_translation(-2.0 * Vec3::Z))?;
+    /// let ray = Ray::new([0.25, 0.25, 0.0], [0.0, 0.0, -1.0]);
+    /// assert_eq!(world.closest_one(&ray).instance, near);
+    /// world.set_visible(near, false)?;
+    /// assert_eq!(world.closest_one(&ray).instance, far);
+    /// world.remove(far)?;
+    /// assert!(world.closest_one(&ray).is_miss());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As for [`World::build`]. The world is then unchanged.
+    pub fn add<T>(&mut self, mesh: Mesh, transform: T) -> Result<u32, WorldError>
+    where
+        T: TryInto<Placement, Error = PlacementError>,
+    {
+        let index = self.instances.len();
+        self.instances.push(Instance::new(index, mesh, transform)?);
+        if let Err(error) = self.check_count() {
+            self.instances.pop();
+            return Err(error);
+        }
+        self.built = OnceLock::new();
+        Ok(index as u32)
+    }
+
+    /// Removes an instance. The others keep their indices.
+    ///
+    /// # Errors
+    /// If there is no such instance.
+    pub fn remove(&mut self, instance: u32) -> Result<(), WorldError> {
+        self.instance(instance)?.mesh = None;
+        self.built = OnceLock::new();
+        Ok(())
+    }
+
+    /// Hides an instance from all queries, or shows it again.
+    ///
+    /// # Errors
+    /// If there is no such instance.
+    pub fn set_visible(&mut self, instance: u32, visible: bool) -> Result<(), WorldError> {
+        let of = self.instance(instance)?;
+        if of.is_visible != visible {
+            of.is_visible = visible;
+            self.built = OnceLock::new();
+        }
+        Ok(())
+    }
+
+    /// Replaces the mesh of an instance, such as by one that was refitted.
+    ///
+    /// # Errors
+    /// As for [`World::build`], and if there is no such instance. The world is then unchanged.
+    pub fn set_mesh(&mut self, instance: u32, mesh: Mesh) -> Result<(), WorldError> {
+        let old = self.instance(instance)?.clone();
+        let placed = Instance { mesh: Some(mesh), ..old.clone() };
+        in_range(instance as usize, &placed.placement, placed.mesh.as_ref())?;
+        self.instances[instance as usize] = placed;
+        if let Err(error) = self.check_count() {
+            self.instances[instance as usize] = old;
+            return Err(error);
+        }
+        self.built = OnceLock::new();
+        Ok(())
+    }
+
+    /// The mesh of an instance; `None` if there is no such instance.
+    pub fn mesh(&self, instance: u32) -> Option<&Mesh> {
+        self.instances.get(instance as usize)?.mesh.as_ref()
+    }
+
+    /// Moves some instances: a new transform for each of these. Takes as long as moving all.
+    ///
+    /// # Errors
+    /// As for [`World::build`], if there is no such instance, and if there is not one transform for each. The world is
+    /// then unchanged.
+    pub fn move_some<T>(&mut self, instances: &[u32], transforms: &[T]) -> Result<(), WorldError>
+    where
+        T: Copy + TryInto<Placement, Error = PlacementError>,
+    {
+        let (expected, found) = (instances.len(), transforms.len());
+        if found != expected {
+            return Err(WorldError::Instances { found, expected });
+        }
+        let mut placements = Vec::with_capacity(found);
+        for (&instance, transform) in instances.iter().zip(transforms) {
+            let mesh = self.mesh(instance).ok_or(WorldError::Missing { instance: instance as usize })?;
+            placements.push(checked(instance as usize, *transform, mesh)?);
+        }
+        for (&instance, placement) in instances.iter().zip(placements) {
+            self.instances[instance as usize].placement = placement;
+        }
+        self.refit();
+        Ok(())
     }
 
     /// Moves the instances: a new transform for each, in the order of [`World::build`]. Answers are those of a new
@@ -156,19 +293,62 @@ impl World {
         if transforms.len() != self.len() {
             return Err(WorldError::Instances { found: transforms.len(), expected: self.len() });
         }
-        let mut trees = self.tracers.bvh().instances().iter();
         let mut placements = Vec::with_capacity(transforms.len());
-        for (index, (transform, firsts)) in transforms.iter().zip(self.firsts.windows(2)).enumerate() {
-            // The tree leaves out meshes without triangles.
-            if firsts[0] == firsts[1] {
-                placement(index, *transform)?;
-            } else {
-                let instance = trees.next().expect("an instance for each mesh with triangles");
-                placements.push(checked(index, *transform, &instance.tree)?);
-            }
+        for (index, (transform, instance)) in transforms.iter().zip(&self.instances).enumerate() {
+            placements.push(match &instance.mesh {
+                Some(mesh) => checked(index, *transform, mesh)?,
+                None => placement(index, *transform)?,
+            });
         }
-        self.tracers.change(|bvh| bvh.move_instances(placements.into_iter()));
+        for (instance, placement) in self.instances.iter_mut().zip(placements) {
+            instance.placement = placement;
+        }
+        self.refit();
         Ok(())
+    }
+
+    /// Moves the instances in the tree, if it is built, to where they stand.
+    fn refit(&mut self) {
+        let hittable = self.instances.iter().filter(|instance| instance.hittable().is_some());
+        let placements: Vec<Placement> = hittable.map(|instance| instance.placement).collect();
+        if let Some(built) = self.built.get_mut() {
+            built.tracers.change(|bvh| bvh.move_instances(placements.into_iter()));
+        }
+    }
+
+    fn instance(&mut self, instance: u32) -> Result<&mut Instance, WorldError> {
+        let of = self.instances.get_mut(instance as usize).filter(|of| of.mesh.is_some());
+        of.ok_or(WorldError::Missing { instance: instance as usize })
+    }
+
+    fn check_count(&self) -> Result<(), WorldError> {
+        let meshes = self.instances.iter().filter_map(|instance| instance.mesh.as_ref());
+        let found = meshes.map(|mesh| mesh.triangle_count() as u64).sum();
+        if found > u64::from(PRIMITIVE) {
+            return Err(WorldError::TooMany { found, max: PRIMITIVE });
+        }
+        Ok(())
+    }
+
+    /// The tree, which is built if it is not.
+    fn built(&self) -> &Built {
+        self.built.get_or_init(|| {
+            let (mut placed, mut firsts, mut first) = (Vec::new(), Vec::new(), 0);
+            for instance in &self.instances {
+                firsts.push(first);
+                if let Some(mesh) = instance.hittable() {
+                    placed.push(TreeInstance::placed_roughly(mesh.bvh().clone(), instance.placement, first));
+                    first += mesh.triangle_count() as u32;
+                }
+            }
+            firsts.push(first);
+            let bvh = Arc::new(Bvh::from_instances(placed));
+            Built { tracers: TreeTracers::new(bvh, SimdLevel::detect()), firsts }
+        })
+    }
+
+    fn tracers(&self) -> &TreeTracers {
+        &self.built().tracers
     }
 
     /// The nearest hit of every ray, or [`WorldHit::NONE`]. Of equally near hits the one of the first instance, and
@@ -188,7 +368,7 @@ impl World {
         in_shares(rays, hits, SHARE_RAYS, |_, rays, hits| {
             let mut of_tree = HITS.take();
             of_tree.resize(rays.len(), Hit::NONE);
-            self.tracers.closest_here(rays, &mut of_tree);
+            self.tracers().closest_here(rays, &mut of_tree);
             hits.iter_mut().zip(&of_tree).for_each(|(hit, of_tree)| *hit = self.hit(of_tree));
             HITS.set(of_tree);
         });
@@ -196,7 +376,7 @@ impl World {
 
     /// [`World::closest`] of a single ray.
     pub fn closest_one(&self, ray: &Ray) -> WorldHit {
-        self.hit(&self.tracers.single().closest_one(ray))
+        self.hit(&self.tracers().single().closest_one(ray))
     }
 
     /// The nearest hit of every ray among those that `accepts` returns true for, as for [`Mesh::closest_where`].
@@ -205,19 +385,19 @@ impl World {
         rays: &[Ray],
         accepts: impl Fn(usize, &WorldHit) -> bool + Sync,
     ) -> Vec<WorldHit> {
-        let of_tree = self.tracers.closest_where(rays, &|ray, hit| accepts(ray, &self.hit(hit)));
+        let of_tree = self.tracers().closest_where(rays, &|ray, hit| accepts(ray, &self.hit(hit)));
         of_tree.iter().map(|hit| self.hit(hit)).collect()
     }
 
     /// All hits of every ray, as for [`Mesh::all_hits`]; those at one distance by ascending instance, then primitive.
     pub fn all_hits(&self, rays: &[Ray]) -> (Vec<WorldHit>, Vec<Range<usize>>) {
-        let (of_tree, ranges) = self.tracers.all_hits(rays);
+        let (of_tree, ranges) = self.tracers().all_hits(rays);
         (of_tree.iter().map(|hit| self.hit(hit)).collect(), ranges)
     }
 
     /// For each ray, true if it hits anything. Faster than [`World::closest`].
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
-        self.tracers.occluded(rays)
+        self.tracers().occluded(rays)
     }
 
     /// [`World::occluded`] into memory of the caller, as many answers as rays.
@@ -225,12 +405,12 @@ impl World {
     /// # Panics
     /// If the two lengths differ.
     pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [bool]) {
-        self.tracers.occluded_into(rays, occluded);
+        self.tracers().occluded_into(rays, occluded);
     }
 
     /// [`World::occluded`] of a single ray.
     pub fn occluded_one(&self, ray: &Ray) -> bool {
-        self.tracers.single().occluded_one(ray)
+        self.tracers().single().occluded_one(ray)
     }
 
     /// The geometric normal of a hit in the world, of length 1: that of the moved triangle's plane, on the side from
@@ -247,15 +427,15 @@ impl World {
     /// # Panics
     /// If there is no such instance or primitive.
     pub fn corners(&self, instance: u32, primitive: u32) -> [Vec3; 3] {
-        let at = instance as usize;
-        let in_tree = self.firsts[at] + primitive;
-        assert!(in_tree < self.firsts[at + 1], "instance {instance} has no primitive {primitive}");
-        self.tracers.bvh().corners(in_tree)
+        let (at, firsts) = (instance as usize, &self.built().firsts);
+        let in_tree = firsts[at] + primitive;
+        assert!(in_tree < firsts[at + 1], "instance {instance} has no primitive {primitive}");
+        self.tracers().bvh().corners(in_tree)
     }
 
-    /// Number of instances.
+    /// Number of instances, those that are hidden or removed included.
     pub fn len(&self) -> usize {
-        self.firsts.len() - 1
+        self.instances.len()
     }
 
     /// True if there are no instances.
@@ -268,21 +448,23 @@ impl World {
         if primitive == MISS {
             return WorldHit::NONE;
         }
-        let instance = self.firsts.partition_point(|&first| first <= primitive) - 1;
-        let primitive = primitive - self.firsts[instance];
+        let firsts = &self.built().firsts;
+        let instance = firsts.partition_point(|&first| first <= primitive) - 1;
+        let primitive = primitive - firsts[instance];
         WorldHit { t, u, v, instance: instance as u32, primitive }
     }
 }
 
 impl RayQueries for World {
     fn target(&self) -> Target<'_> {
-        Target { tracers: &self.tracers, firsts: Some(&self.firsts), center: DVec3::ZERO }
+        let Built { tracers, firsts } = self.built();
+        Target { tracers, firsts: Some(firsts), center: DVec3::ZERO }
     }
 }
 
 impl fmt::Debug for World {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let bvh = self.tracers.bvh();
+        let bvh = self.tracers().bvh();
         let mut output = f.debug_struct("World");
         output.field("instances", &self.len()).field("triangles", &bvh.len());
         output.field("bounds", &bvh.bounds()).finish_non_exhaustive()
@@ -297,18 +479,27 @@ where
     transform.try_into().map_err(|source| WorldError::Transform { instance, source })
 }
 
-/// The placement of an instance of a tree, whose moved box must be in range.
-fn checked<T>(instance: usize, transform: T, tree: &Bvh) -> Result<Placement, WorldError>
+/// The placement of an instance of a mesh, whose moved box must be in range. The mesh's centre is part of it.
+fn checked<T>(instance: usize, transform: T, mesh: &Mesh) -> Result<Placement, WorldError>
 where
     T: TryInto<Placement, Error = PlacementError>,
 {
-    let placement = placement(instance, transform)?;
+    let mut placement = placement(instance, transform)?;
+    if mesh.center() != DVec3::ZERO {
+        for row in &mut placement.rows {
+            let [a, b, c, d] = row.map(f64::from);
+            row[3] = (DVec3::new(a, b, c).dot(mesh.center()) + d) as f32;
+        }
+    }
+    in_range(instance, &placement, Some(mesh))?;
+    Ok(placement)
+}
+
+/// An error if the moved box of a mesh is out of range.
+fn in_range(instance: usize, placement: &Placement, mesh: Option<&Mesh>) -> Result<(), WorldError> {
+    let Some(mesh) = mesh.filter(|mesh| mesh.triangle_count() > 0) else { return Ok(()) };
     // NaN fails the comparison.
     let in_range = |corner: Vec3| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
-    let bounds = placement.bounds(&tree.bounds());
-    if tree.is_empty() || in_range(bounds.min) && in_range(bounds.max) {
-        Ok(placement)
-    } else {
-        Err(WorldError::Position { instance })
-    }
+    let bounds = placement.bounds(&mesh.bvh().bounds());
+    if in_range(bounds.min) && in_range(bounds.max) { Ok(()) } else { Err(WorldError::Position { instance }) }
 }
