@@ -1,6 +1,6 @@
 //! Columns of hits: what a call computes and writes.
 
-use super::mesh::normal;
+use super::normals::write_normals;
 use super::rays::Rays;
 use super::target::Target;
 use crate::stream::Hit;
@@ -160,12 +160,6 @@ impl HitColumns<'_> {
     }
 }
 
-/// Number of hits between the prefetch of a triangle's place and its use.
-const PREFETCH_PLACE: usize = 32;
-
-/// Number of hits between the prefetch of a triangle and its use.
-const PREFETCH_TRIANGLE: usize = 16;
-
 /// What the columns of hits are computed from.
 pub(super) struct ColumnWriter<'a> {
     pub target: Target<'a>,
@@ -209,7 +203,7 @@ impl ColumnWriter<'_> {
             self.write_ids(hits, primitive, instance);
         }
         if let Some(column) = normal {
-            self.write_normals(hits, column);
+            write_normals(self.target.tracers.bvh(), hits, column);
         }
         if let Some(column) = position {
             let at = |i: usize| self.position(i, &hits[i]).as_vec3().to_array();
@@ -240,20 +234,6 @@ impl ColumnWriter<'_> {
             if let Some(column) = &mut instance {
                 column[i] = hit.instance;
             }
-        }
-    }
-
-    fn write_normals(&self, hits: &[Hit], column: &mut [[f32; 3]]) {
-        let bvh = &**self.target.tracers.bvh();
-        let is_hit = |ahead: &&Hit| !ahead.is_miss();
-        for (i, (hit, to)) in hits.iter().zip(column).enumerate() {
-            if let Some(ahead) = hits.get(i + PREFETCH_PLACE).filter(is_hit) {
-                bvh.prefetch_reference(ahead.primitive);
-            }
-            if let Some(ahead) = hits.get(i + PREFETCH_TRIANGLE).filter(is_hit) {
-                bvh.prefetch_triangle(ahead.primitive);
-            }
-            *to = if hit.is_miss() { [0.0; 3] } else { normal(bvh.corners(hit.primitive)).to_array() };
         }
     }
 

@@ -49,6 +49,7 @@ mod crossings;
 mod mesh;
 mod nearest;
 mod nearest_lanes;
+mod normals;
 mod points;
 mod rays;
 mod shares;

@@ -213,7 +213,7 @@ impl Target<'_> {
         visit: &mut dyn FnMut(usize, &Hit) -> bool,
     ) {
         match rule {
-            Rule::HalfOpen => self.visit_crossings(rays, first, len, |candidate, ray, crossing| {
+            Rule::HalfOpen => self.visit_crossings::<false>(rays, first, len, |candidate, ray, crossing| {
                 let more = visit(candidate.ray, &ray.hit(crossing, candidate.primitive));
                 if more { f32::INFINITY } else { -1.0 }
             }),
@@ -264,8 +264,11 @@ impl Target<'_> {
 
     fn at_least(&self, count: u32, rays: &Rays<'_>, rule: Rule, answers: &mut [bool]) {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
+        if count == 0 {
+            return answers.fill(true);
+        }
         in_parts(rays.len(), answers, SHARE_RAYS, |first, len, answers| {
-            answers.fill(count == 0);
+            answers.fill(false);
             let mut counts = vec![0; if count > 1 { len } else { 0 }];
             self.visit_hits(rays, first, len, rule, &mut |ray, _| {
                 if count > 1 {

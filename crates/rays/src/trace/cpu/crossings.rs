@@ -29,10 +29,13 @@ pub trait TriangleSink {
     /// Takes a triangle with its primitive id and its corners in the world, and the index of a ray that may cross it.
     /// Returns the `t` beyond which the ray needs no more triangles: +∞ for all, a negative number for none.
     fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32;
-}
 
-/// Candidates that are handed to the sink at once.
-const CANDIDATE_BATCH: usize = 64;
+    /// Number of triangles that are best handed over together: many, unless what [`TriangleSink::take`] returns saves
+    /// visits.
+    fn batch(&self) -> usize {
+        64
+    }
+}
 
 /// Follows rays in lists and pairs, as `RayVisitor` does, and hands candidates to a sink.
 pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
@@ -40,6 +43,8 @@ pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
     pub space: S,
     pub sub: &'a SubStream<'a>,
     pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+    /// [`TriangleSink::batch`] of the sink.
+    pub batch: usize,
 }
 
 impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S> {
@@ -65,7 +70,7 @@ impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S>
                 self.hand_over(stack);
                 return false;
             }
-            if stack.candidates.len() >= CANDIDATE_BATCH {
+            if stack.candidates.len() >= self.batch {
                 self.hand_over(stack);
             }
         }
@@ -109,7 +114,7 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
                     };
                 }
             }
-            if stack.candidates.len() >= CANDIDATE_BATCH {
+            if stack.candidates.len() >= self.batch {
                 // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant 5).
                 unsafe { self.hand_over(stack) };
             }
@@ -239,6 +244,8 @@ fn largest<L: Lanes>(l: L, vectors: &[LaneVec3<L>; 3]) -> L::F {
 pub(super) struct CandidateVisits<'a, 's, W, E> {
     pub widths: Widths<W, E>,
     pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+    /// [`TriangleSink::batch`] of the sink.
+    pub batch: usize,
 }
 
 impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
@@ -250,7 +257,8 @@ impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
         octant: usize,
         stack: &mut OctantStack,
     ) {
-        let visitor = CandidateVisitor { widths: self.widths, space, sub, sink: self.sink };
+        let visitor =
+            CandidateVisitor { widths: self.widths, space, sub, sink: self.sink, batch: self.batch };
         // SAFETY: the caller's contract.
         while unsafe { visitor.step(octant, stack) } {}
     }

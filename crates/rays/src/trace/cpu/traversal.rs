@@ -127,7 +127,7 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
     scratch: &mut Scratch,
 ) {
     const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
-    let tree = TreeView::new(bvh.wide(), None);
+    let (tree, batch) = (TreeView::new(bvh.wide(), None), sink.batch());
     let Scratch { rows, shafts, stacks, local, .. } = scratch;
     local.clear();
     for stack in stacks.iter_mut() {
@@ -145,10 +145,10 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
         // SAFETY: as in `trace`; a `CandidateVisitor` writes no answers.
         unsafe {
             if bvh.instances().is_empty() {
-                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink };
+                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink, batch };
                 traverse(&visitor, stacks, &counts);
             } else {
-                let visits = CandidateVisits { widths, sink: &sink };
+                let visits = CandidateVisits { widths, sink: &sink, batch };
                 instances::traverse(widths, &visits, &sub, bvh.instances(), stacks, &counts, local);
             }
         }
