@@ -6,7 +6,8 @@ use super::target::Target;
 use crate::stream::Hit;
 use glam::{DVec3, Vec3};
 
-/// Columns of the first hits of rays, each as long as the rays, in memory of the caller. What is `None` is not computed.
+/// Columns of the first hits of rays, each as long as the rays, in memory of the caller. What is `None` is not
+/// computed.
 ///
 /// ```
 /// use raystream_rays::query::{HitColumns, Mesh, Ray, RayQueries, Rule};
@@ -30,7 +31,8 @@ pub struct HitColumns<'a> {
     pub instance: Option<&'a mut [u32]>,
     /// Barycentric weights of the triangle's second and third corner, 0 to 1; 0 for a miss.
     pub uv: Option<&'a mut [[f32; 2]]>,
-    /// Geometric normal of length 1, on the side from which the corners are seen in counterclockwise order; 0 for a miss.
+    /// Geometric normal of length 1, on the side from which the corners are seen in counterclockwise order; 0 for a
+    /// miss.
     pub normal: Option<&'a mut [[f32; 3]]>,
     /// The point that is hit, in the caller's units; NaN for a miss.
     pub position: Option<&'a mut [[f32; 3]]>,
@@ -160,7 +162,7 @@ impl HitColumns<'_> {
     }
 }
 
-/// What the columns of hits are computed from.
+/// Rays and tree that the columns of hits are computed from.
 pub(super) struct ColumnWriter<'a> {
     pub target: Target<'a>,
     pub rays: &'a Rays<'a>,

@@ -38,8 +38,8 @@ impl<F: FnMut(Candidate) -> f32, const NARROWS: bool> TriangleSink for Sink<F, N
 }
 
 impl Target<'_> {
-    /// Calls `take` with the triangles that each of these rays may cross. It returns the `t` beyond which the ray needs no
-    /// more triangles, a negative number for none; that saves visits if `NARROWS`.
+    /// Calls `take` with the triangles that each of these rays may cross. It returns the `t` beyond which the ray
+    /// needs no more triangles, a negative number for none; that saves visits if `NARROWS`.
     pub(super) fn visit_candidates<const NARROWS: bool>(
         &self,
         rays: &[Ray],
@@ -48,7 +48,8 @@ impl Target<'_> {
         self.tracers.stream().visit_candidates(rays, &mut Sink::<_, NARROWS>(take));
     }
 
-    /// Calls `take` with each crossing of consecutive rays, in no particular order, where the candidate's ray counts from
+    /// Calls `take` with each crossing of consecutive rays, in no particular order, where the candidate's ray counts
+    /// from
     /// `first`.
     pub(super) fn visit_crossings<const NARROWS: bool>(
         &self,

@@ -29,7 +29,7 @@ struct Normals<'a> {
 impl LaneTask for Normals<'_> {
     type Output = ();
 
-    /// In `f64`, of which there are no lanes; but loops of eight become instructions for several.
+    /// In `f64`, which has no lanes; but loops of eight become instructions for several.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, _: L) {
         let Self { bvh, hits, mut column } = self;

@@ -2,8 +2,8 @@
 //! [`crate::geom::HalfOpenRay`] and what is counted, summed and listed by it.
 //!
 //! Rays are traced as streams, in lists and pairs as in `ray_lists`. At a leaf, edge functions in lanes say for which
-//! triangles the signs are certain. Those that the line certainly misses are dropped; all others are *candidates*, which
-//! a [`TriangleSink`] tests one by one.
+//! triangles the signs are certain. Those that the line certainly misses are dropped; all others are *candidates*,
+//! which a [`TriangleSink`] tests one by one.
 //!
 //! Unsafe code for rows, rays, lists and pairs. Invariants 1 to 7 are those of `substream` and `child_lists`.
 #![allow(unsafe_code, reason = "the invariants above")]
@@ -115,7 +115,8 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
                 }
             }
             if stack.candidates.len() >= self.batch {
-                // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant 5).
+                // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant
+                // 5).
                 unsafe { self.hand_over(stack) };
             }
         }
@@ -212,8 +213,8 @@ static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5,
 const ERRORS: f32 = 100.0 / (1 << 24) as f32;
 
 /// The lanes of `among` whose line may cross the triangle: all but those that two edges certainly have on different
-/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are not
-/// relative to the origin: so they are as exact as they can be.
+/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are
+/// not relative to the origin: so they are as exact as they can be.
 #[inline(always)]
 fn candidates<L: Lanes>(l: L, among: LaneBits, lines: &Lines<L>, triangle: &[LaneVec3<L>; 3]) -> LaneBits {
     let Lines { origin, direction } = lines;
