@@ -48,17 +48,17 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //!
 //! # Features
 //!
-//! | feature | adds |
-//! |---|---|
-//! | `query` | rays on a mesh: [`query`] and what it stands on; 20-odd crates |
-//! | `render` | scenes, shading, integrators, films, the scheduler |
-//! | `wgsl` | surfaces and integrators in WGSL |
-//! | `formats` | scene files (OBJ, glTF, PLY, recipes) and image files |
-//! | `flat` | loaded scenes as flat files, which are mapped and not decoded |
-//! | `gpu` | the wgpu tracer |
-//! | `picture` | pictures as data: `picture::open(&spec, folder, &units)` |
-//! | `nvml` | energy and power of NVIDIA GPUs |
-//! | `unstable` | documentation of the modules that may change in any release |
+//! <!-- begin: features -->
+//! - `query`: Ray queries on a mesh: trees, the CPU tracer, `raystream::query`.
+//! - `render`: Scenes, shading, integrators, films and the scheduler.
+//! - `wgsl`: Shaders in WGSL.
+//! - `formats`: Scene files (OBJ, glTF, PLY, recipes) and image files (PNG, EXR, HDR, NPY).
+//! - `flat`: Loaded scenes as flat files, which are mapped and not decoded.
+//! - `gpu`: The wgpu tracer. Without it raystream is a CPU renderer with the same scheduler.
+//! - `picture`: A picture as data: `raystream::picture`.
+//! - `nvml`: Energy, power and clocks of NVIDIA GPUs, where their driver is.
+//! - `unstable`: Documents the modules that may change in any release. They can be used without it.
+//! <!-- end -->
 //!
 //! `gpu` and `picture` are on by default. The command line, with integrators of your own, is the package
 //! `raystream-cli`. A user of ray queries writes
@@ -89,14 +89,12 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-pub use raystream_rays::{bvh, geom, lanes, profile, query, stream};
+pub use raystream_rays::{bvh, geom, lanes, memory, profile, query, stream};
 pub use {bytemuck, glam};
 
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod files;
-#[cfg(feature = "render")]
-pub mod memory;
 #[cfg(feature = "formats")]
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod numpy;

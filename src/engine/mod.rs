@@ -3,12 +3,14 @@
 //! [`PreparedScene::submit`] brings both together.
 
 mod alpha_filter;
+#[cfg_attr(not(feature = "gpu"), path = "no_gpu.rs")]
+mod gpu;
 mod prepared_scene;
 mod tree;
 mod units;
 
+#[cfg(feature = "gpu")]
+pub use gpu::calibration_host;
 pub use prepared_scene::PreparedScene;
 pub use tree::{MIN_SAVED_TRIANGLES, build as build_tree};
-#[cfg(feature = "gpu")]
-pub use units::calibration_host;
 pub use units::{UnitChoice, Units, UnitsError};

@@ -1,7 +1,7 @@
 //! A scene with its tree and the units that trace it.
 
 use super::alpha_filter::filter;
-use super::units::Device;
+use super::gpu::Device;
 use super::{Units, tree};
 use crate::bvh::{Bvh, Filter};
 use crate::render::recursion::{Recursion, Shader};
@@ -62,7 +62,7 @@ pub struct PreparedScene {
     pub single_ray: Arc<SingleRayTracer>,
     /// Name of the GPU adapter in use.
     pub adapter: Option<String>,
-    /// Why a requested GPU is not used, or not for all of its work. The CPU does that.
+    /// The reason why a requested GPU is not used, or not for all of its work. The CPU does that.
     pub degraded: Option<String>,
     units: Units,
     device: Option<Device>,

@@ -79,17 +79,20 @@ impl CheckedSpec {
         picture_bytes(width, height, &self.spec.aovs(), self.spec.stop.samples())
     }
 
-    /// Changes a loaded scene as the spec asks: surfaces, then the environment. Returns the scene's shaders.
+    /// Changes a loaded scene as the spec asks: surfaces, materials, then the environment. Returns the scene's shaders.
     ///
     /// # Errors
     /// What the options and the scene have against each other.
     pub fn change(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
         let file = self.spec.scene.as_deref().unwrap_or(Path::new(""));
-        let (found, unknown) = shaders::apply(scene, file, &self.spec.surface, &self.foreign)?;
+        let own = |scene: &mut Scene| {
+            for warning in self.registry.apply_surfaces(scene, &self.own)? {
+                log::warn!("{warning}");
+            }
+            self.spec.material.iter().try_for_each(|change| change.apply(scene))
+        };
+        let (found, unknown) = shaders::apply(scene, file, &self.spec.surface, &self.foreign, own)?;
         self.registry.check_settings(&self.integrator, &unknown)?;
-        for warning in self.registry.apply_surfaces(scene, &self.own)? {
-            log::warn!("{warning}");
-        }
         self.spec.light.apply_environment(scene, options)?;
         Ok(found)
     }

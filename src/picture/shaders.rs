@@ -110,13 +110,14 @@ fn modified(file: &Path) -> Option<SystemTime> {
     std::fs::metadata(file).and_then(|found| found.modified()).ok()
 }
 
-/// Gives materials the surfaces that the command line and the scene ask for. Returns the shaders, and the settings that
-/// none of them has.
+/// Gives materials the surfaces that the scene and then `surfaces` ask for; `between` changes the scene between them.
+/// Returns the shaders, and the settings that none of them has.
 pub fn apply(
     scene: &mut Scene,
     scene_file: &Path,
     surfaces: &[ShaderSurface],
     settings: &[Setting],
+    between: impl FnOnce(&mut Scene) -> Result<()>,
 ) -> Result<(Shaders, Vec<Setting>)> {
     let mut all = Vec::new();
     let mut used = vec![false; settings.len()];
@@ -140,6 +141,7 @@ pub fn apply(
         scene.materials[material].surface = scene.add_surface(shader);
         all.push(Applied { file, material: name, materials: vec![material], values, modified });
     }
+    between(scene)?;
     for ShaderSurface { material, file, values } in surfaces {
         let modified = modified(file);
         let shader = load(file, material, values, settings, &mut used)?;

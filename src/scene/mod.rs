@@ -25,6 +25,7 @@ mod light;
 #[cfg(feature = "formats")]
 pub mod load;
 mod material;
+mod material_edit;
 mod medium;
 mod mesh;
 #[cfg(feature = "formats")]
@@ -71,6 +72,7 @@ pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scalar, Surface};
+pub use material_edit::{MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
 #[cfg(feature = "formats")]

@@ -4,11 +4,10 @@ use super::policy::{DevicePace, Line, Pace};
 
 /// What a bundle with the device counts for.
 pub(super) struct BundleAccount {
-    pub paths: usize,
     pub submitted_ns: u64,
     /// Rays and shadow rays of this job that the device had before.
     pub ahead: u64,
-    /// When each stream became full, if it waited in TRACE.
+    /// The time at which each stream became full, if it waited in TRACE.
     pub full_ns: Vec<Option<u64>>,
 }
 
@@ -50,7 +49,7 @@ impl Turnaround {
 /// What is known of a job's device.
 #[derive(Default)]
 pub(super) struct DeviceAccount {
-    /// When the streams of the bundle that is being submitted became full.
+    /// The times at which the streams of the bundle that is being submitted became full.
     pub full_ns: Vec<Option<u64>>,
     /// When the last bundle was traced.
     last_ns: u64,

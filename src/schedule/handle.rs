@@ -38,7 +38,7 @@ impl JobHandle {
         Self { control, is_detached: false }
     }
 
-    /// What steers the job from any thread, as often as one likes.
+    /// A control of the job for any thread, as often as one likes.
     pub fn control(&self) -> JobControl {
         self.control.clone()
     }

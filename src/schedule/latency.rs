@@ -57,7 +57,7 @@ impl std::ops::AddAssign for Latency {
     }
 }
 
-/// How long streams waited that a device traced.
+/// Waiting times of streams that a device traced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceWaits {
     /// From when a stream became full until it was submitted.

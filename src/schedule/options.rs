@@ -5,7 +5,7 @@ use crate::stream::{DeviceTracer, Tracer};
 use rayon::ThreadPool;
 use std::sync::Arc;
 
-/// How a [`super::Service`] is made.
+/// Options of a [`super::Service`].
 ///
 /// ```
 /// use raystream::schedule::ServiceOptions;
@@ -26,7 +26,7 @@ pub struct ServiceOptions {
     /// The most queries that run at the same time besides those jobs, and the most interactive jobs and queries besides
     /// both; at least 1. Others are queued. Bounds memory.
     pub max_queries: usize,
-    /// How threads are shared between jobs of the same priority.
+    /// The rule that shares threads between jobs of the same priority.
     pub sharing: Sharing,
     /// The pool whose workers are the host threads, instead of threads of the service's own
     /// ([`Self::with_rayon_pool`]).
@@ -96,7 +96,7 @@ impl ServiceOptions {
     }
 }
 
-/// How a job is run. The picture does not depend on these options.
+/// Options of a job. The picture does not depend on them.
 ///
 /// ```
 /// use raystream::schedule::{JobOptions, Priority};
@@ -107,9 +107,9 @@ impl ServiceOptions {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct JobOptions {
-    /// What errors and reports call the job.
+    /// The name of the job in errors and reports.
     pub name: Option<Arc<str>>,
-    /// Which jobs get threads before others. [`super::JobControl::set_priority`] changes it later.
+    /// The rank among jobs that want threads. [`super::JobControl::set_priority`] changes it later.
     pub priority: Priority,
     /// N, the most paths in flight.
     ///
@@ -132,7 +132,7 @@ pub struct JobOptions {
     /// True if streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
     /// only to measure the gain.
     pub shrink_streams: bool,
-    /// The order of the rules. Default: RA's for the unit, [`Policy::of`].
+    /// The order of the rules, and what the device is given. Default: [`Policy::of`] the unit.
     pub policy: Option<Policy>,
     /// True if the report gets a record of every task.
     pub timeline: bool,
@@ -197,7 +197,7 @@ impl JobOptions {
         Self { shrink_streams, ..self }
     }
 
-    /// Sets [`Self::policy`]; `None` is RA's for the unit.
+    /// Sets [`Self::policy`]; `None` is [`Policy::of`] the unit.
     pub fn with_policy(self, policy: impl Into<Option<Policy>>) -> Self {
         Self { policy: policy.into(), ..self }
     }
@@ -208,7 +208,7 @@ impl JobOptions {
     }
 }
 
-/// What traces a job's rays.
+/// The tracers of a job's rays.
 #[derive(Clone)]
 #[non_exhaustive]
 pub struct Tracers {
@@ -216,7 +216,7 @@ pub struct Tracers {
     pub host: Arc<dyn Tracer>,
     /// Traces on a device; it may be lost at any time.
     pub device: Option<Arc<dyn DeviceTracer>>,
-    /// Which of the two trace. Without a device host threads trace in any case, and the report says so.
+    /// The units that trace. Without a device host threads trace in any case, and the report says so.
     pub unit: Unit,
     /// The scene that they trace. `None` accepts the renderers of any scene.
     pub scene: Option<SceneId>,

@@ -1,6 +1,6 @@
 //! How urgent a job is.
 
-/// Which jobs get threads before others. A job gets a thread only when no job of a higher priority has a task for it.
+/// Rank among jobs that want threads. A job gets a thread only when no job of a higher priority has a task for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Priority {

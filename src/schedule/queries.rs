@@ -19,7 +19,7 @@ const TILE_RAYS: usize = 16 * 1024;
 /// The most rays of one query: ray numbers have 32 bits.
 const MOST_RAYS: usize = u32::MAX as usize;
 
-/// Why a query could not begin.
+/// Reason why a query could not begin.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {

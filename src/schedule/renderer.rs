@@ -78,7 +78,7 @@ pub struct Batch<'a, P> {
     pub payloads: &'a [P],
 }
 
-/// Where a renderer emits rays.
+/// The sink of a renderer's rays.
 #[derive(Debug)]
 pub struct Output<'a, P, S> {
     pub(crate) rays: RayAppender<'a>,

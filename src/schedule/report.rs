@@ -3,7 +3,7 @@
 use super::{DeviceWaits, JobOptions, Limits, Pace};
 use std::sync::Arc;
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Tiles in all.
@@ -93,7 +93,7 @@ impl std::ops::AddAssign for Depths {
     }
 }
 
-/// What a unit did.
+/// Account of a unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitReport {
     /// Rays and shadow rays traced.
@@ -118,7 +118,7 @@ pub struct UnitReport {
     pub resolving_s: f64,
 }
 
-/// What kind of thread.
+/// Kind of a thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ThreadKind {
@@ -137,10 +137,10 @@ impl ThreadKind {
     }
 }
 
-/// What a thread did during a job.
+/// Account of a thread during a job.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThreadReport {
-    /// What kind of thread.
+    /// The kind of thread.
     pub kind: ThreadKind,
     /// Seconds in this job's tasks.
     pub busy_s: f64,
@@ -150,7 +150,7 @@ pub struct ThreadReport {
     pub tail_idle_s: f64,
 }
 
-/// What kind of task.
+/// Kind of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TaskKind {
@@ -171,19 +171,19 @@ pub enum TaskKind {
 pub struct TaskRecord {
     /// Index of the thread; the device thread comes last.
     pub thread: u32,
-    /// What the thread did.
+    /// The kind of task.
     pub kind: TaskKind,
     /// Rays and shadow rays that the task emitted (spawn), traced (trace, dispatch), resolved or shaded.
     pub rays: u32,
-    /// When the task began, in nanoseconds since the job began.
+    /// Begin of the task, in nanoseconds since the job began.
     pub start_ns: u64,
-    /// When the task ended, in nanoseconds since the job began.
+    /// End of the task, in nanoseconds since the job began.
     pub end_ns: u64,
     /// The job's lists when the task ended.
     pub lists: Lengths,
 }
 
-/// How many streams are in a job's lists.
+/// Numbers of streams in a job's lists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lengths {
     /// In NEEDMORE.
@@ -196,7 +196,7 @@ pub struct Lengths {
     pub in_flight: u32,
 }
 
-/// What a job did. Only the counts of rays (`rays` and `depths`) are the same in every run.
+/// Account of a job. Only the counts of rays (`rays` and `depths`) are the same in every run.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct JobReport {
@@ -216,13 +216,13 @@ pub struct JobReport {
     pub cpu: UnitReport,
     /// The device.
     pub gpu: UnitReport,
-    /// How long streams waited for the device.
+    /// Waiting times of streams for the device.
     pub device_waits: DeviceWaits,
-    /// How fast host threads shaded, shadow rays included.
+    /// The pace at which host threads shaded, shadow rays included.
     pub shading: Pace,
     /// Host threads, then the device thread; or the calling thread alone, if it has traced the query itself.
     pub threads: Vec<ThreadReport>,
-    /// When the job was admitted, in nanoseconds since the service began.
+    /// Time of admission, in nanoseconds since the service began.
     pub begin_ns: u64,
     /// Seconds from there to the job's end.
     pub wall_s: f64,
@@ -241,9 +241,9 @@ pub struct JobReport {
     pub stream_bytes: usize,
     /// The sizes used.
     pub limits: Limits,
-    /// What a user should know, a lost device for instance.
+    /// Sentences for the user, of a lost device for instance.
     pub events: Vec<String>,
-    /// What the renderer says of its result ([`super::Renderer::warnings`]): dropped splats, for instance.
+    /// The renderer's remarks on its result ([`super::Renderer::warnings`]): dropped splats, for instance.
     pub warnings: Vec<String>,
     /// All tasks in the order in which they ended, if [`JobOptions::timeline`] asks for them.
     pub timeline: Vec<TaskRecord>,

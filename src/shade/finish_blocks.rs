@@ -6,7 +6,7 @@ use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector};
 use crate::scene::{BlockColumns, BlockFinishes, BlockSurface, Material, Scene, Surface};
 use std::cell::Cell;
 
-/// Where blocks find the hits of a batch.
+/// The source of a batch's hits for blocks.
 pub trait HitSource {
     /// Unit directions of rays, their hits, and the widths of their cones there.
     fn hits<L: Lanes>(&self, ids: Int<L>) -> (Vector<L>, Hits<L>, Num<L>);

@@ -1,6 +1,7 @@
 """Runs raystream's service in a temporary folder, and pages of it in headless Chromium; over TLS, where pages speak
 HTTP/2, if RAYSTREAM_TLS is set."""
 
+import base64
 import json
 import os
 import pathlib
@@ -112,6 +113,13 @@ class Service:
                 time.sleep(0.05)
         raise AssertionError("the service did not start:\n" + (self.folder / "log").read_text())
 
+    def render(self, spec):
+        """The PNG that `raystream render` makes of a spec beside the scene."""
+        (self.folder / "spec.json").write_text(json.dumps(spec))
+        command = [PROGRAM, "render", "--options", "spec.json", "-o", "again.png"]
+        subprocess.run(list(map(str, command)), cwd=self.folder, check=True, capture_output=True)
+        return (self.folder / "again.png").read_bytes()
+
     def kill(self):
         if self.process:
             self.process.kill()
@@ -166,6 +174,19 @@ class Case(unittest.TestCase):
     def pixels(self, page):
         """The canvas as a string: equal pictures have equal ones."""
         return page.evaluate("document.getElementById('picture').toDataURL()")
+
+    def colours(self, page, png):
+        """The pixels of a PNG as a string."""
+        return page.evaluate("""async (text) => {
+            const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+            const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+            const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+            const context = canvas.getContext("2d");
+            context.drawImage(bitmap, 0, 0);
+            const { data } = context.getImageData(0, 0, bitmap.width, bitmap.height);
+            const digest = await crypto.subtle.digest("SHA-256", data);
+            return `${bitmap.width}x${bitmap.height} ${new Uint8Array(digest)}`;
+        }""", base64.b64encode(png).decode())
 
     def drag(self, page, dx, dy, steps=8, button="left"):
         box = page.get_by_test_id("picture").bounding_box()

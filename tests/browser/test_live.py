@@ -1,5 +1,6 @@
 """The live view in a browser."""
 
+import json
 import re
 
 import service
@@ -98,7 +99,7 @@ class Live(service.Case):
         }""")
         self.assertGreater(middle[2], middle[0], "the ball is blue")
         page.get_by_test_id("shader").fill("fn pattern(at: Point) -> Finish { return mate(at); }")
-        page.get_by_test_id("shader-error").get_by_text("shader.wgsl:1:").wait_for()
+        page.get_by_test_id("shader-error").get_by_text("ball.wgsl:1:").wait_for()
         generation = page.evaluate("raystream.gen")
         page.get_by_test_id("shader").fill("fn pattern(at: Point) -> Finish { return matte(at); }")
         self.wait_for(page, f"raystream.gen > {generation} && !raystream.moving")
@@ -116,6 +117,23 @@ class Live(service.Case):
             with page.expect_download() as download:
                 page.get_by_test_id(f"save-{kind}").click()
             self.assertTrue(download.value.path().read_bytes().startswith(magic))
+
+    def test_the_saved_spec_renders_the_picture_that_was_shown(self):
+        page = self.live()
+        generation = page.evaluate("raystream.gen")
+        self.drag(page, 90, 20)
+        page.get_by_text("Render", exact=True).click()
+        page.get_by_test_id("target-spp").fill("3")
+        page.get_by_test_id("target-spp").press("Enter")
+        self.wait_for(page, f"raystream.gen > {generation} + 1 && raystream.spp >= 3 && !raystream.moving")
+        with page.expect_download() as picture:
+            page.get_by_test_id("save-png").click()
+        with page.expect_download() as saved:
+            page.get_by_test_id("save-spec").click()
+        spec = json.loads(saved.value.path().read_text())
+        self.assertEqual((spec["scene"], spec["spp"]), ("scene.json", 3))
+        again = self.service.render(spec)
+        self.assertEqual(self.colours(page, again), self.colours(page, picture.value.path().read_bytes()))
 
     def test_two_viewers_have_cameras_of_their_own(self):
         one = self.live()

@@ -13,8 +13,8 @@ const BYTES: usize = 125;
 /// Pages that are read in one sitting, and their lines.
 const PAGES: [(&str, usize); 2] = [("README.md", 150), ("src/ARCHITECTURE.md", 180)];
 /// Folders whose files and functions are limited.
-const FOLDERS: [&str; 8] =
-    ["src/", "tests/", "examples/", "shaders/", "scripts/", "benches/", "crates/", ".ci/"];
+const FOLDERS: [&str; 9] =
+    ["src/", "tests/", "examples/", "shaders/", "scripts/", "benches/", "crates/", "python/", ".ci/"];
 /// What is written by hand, line by line.
 const WRITTEN: [&str; 5] = [".rs", ".wgsl", ".md", ".py", ".sh"];
 

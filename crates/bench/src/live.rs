@@ -58,15 +58,15 @@ struct Client {
     generation: u32,
 }
 
-/// Measures a live view of a stage.
+/// Measures a live view of a stage that is seen from a pose first.
 ///
 /// # Errors
 /// If the system gives no threads, or the view refuses a picture.
-pub fn run(stage: ViewScene, options: &Options) -> io::Result<Row> {
-    let size = [stage.settings.width, stage.settings.height];
-    let spp = stage.settings.spp;
+pub fn run(mut stage: ViewScene, pose: Pose, options: &Options) -> io::Result<Row> {
+    pose.write(stage.prepared.scene.camera.as_ref(), &mut stage.spec);
+    let size = <[u32; 2]>::from(stage.spec.size);
+    let spp = stage.spec.stop.samples();
     let (wake, woken) = channel();
-    let pose = Pose::from(&stage.camera);
     let view = LiveView::new(stage, move || {
         wake.send(()).ok();
     })?;

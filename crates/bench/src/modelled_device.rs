@@ -11,7 +11,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What is known of the device.
+/// A description of the device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
     /// Millions of rays a second.

@@ -27,6 +27,7 @@ pub use {bytemuck, glam};
 pub mod bvh;
 pub mod geom;
 pub mod lanes;
+pub mod memory;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod profile;
 pub mod query;

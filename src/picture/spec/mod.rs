@@ -36,6 +36,7 @@ pub use sampling::SamplingSpec;
 pub use scene_spec::SceneSpec;
 pub use stop::StopSpec;
 
+use super::material_change::MaterialChange;
 use super::plugin_options::Setting;
 use super::shaders::{EXTENSION, ShaderSurface};
 use crate::render::{Aov, AovSet, ROULETTE_BOUNCES, Settings};
@@ -69,6 +70,9 @@ spec_group! {
         /// Give the materials of a name a surface of a shader, with values of its parameters:
         /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
         list "surface" surface: form::Own<ShaderSurface>, "MATERIAL=FILE.wgsl";
+        /// Change the materials of a name: base-colour (R,G,B, linear), roughness, metallic (0 to 1), emission (R,G,B);
+        /// textures multiply the new values. Repeatable.
+        list "material" material: form::Own<MaterialChange>, "MATERIAL,KEY=VALUE..";
         /// Picture size in pixels.
         one "size" size: form::Size = (960, 540), "WxH";
         /// Maximum number of bounces; 0 = emission and direct light at the first hit.

@@ -34,7 +34,7 @@ spec_group! {
         maybe "shift" shift: form::Shift, "X,Y";
         /// Thin lens: focal length over the diameter of its opening, for a sensor 24 mm high in a world in metres.
         maybe "f-stop" f_stop: form::Plain, "N";
-        /// Thin lens: radius of its opening in world units.
+        /// Thin lens: radius of its opening in world units; 0 for a pinhole.
         maybe "aperture-radius" aperture_radius: form::Plain, "R";
         /// Thin lens: distance of the plane that is sharp, along the view axis.
         maybe "focus-distance" focus_distance: form::Plain, "D";
@@ -117,6 +117,9 @@ impl OpticsSpec {
             Some(number) => Some(radius_of(number, &camera, size)?),
             None => self.aperture_radius,
         };
+        if radius == Some(0.0) {
+            return Ok(Camera { aperture: None, ..camera });
+        }
         let own = camera.aperture;
         let changes = self.focus_distance.is_some()
             || self.aperture_blades.is_some()

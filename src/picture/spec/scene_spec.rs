@@ -1,6 +1,7 @@
 //! The part of a render spec that decides what a prepared scene is.
 
 use super::{LightSpec, LoadingSpec, RenderSpec, SpecGroup};
+use crate::picture::material_change::MaterialChange;
 use crate::picture::plugin_options::Setting;
 use crate::picture::shaders::ShaderSurface;
 use serde_json::json;
@@ -13,6 +14,7 @@ pub struct SceneSpec {
     integrator: String,
     set: Vec<Setting>,
     surface: Vec<ShaderSurface>,
+    material: Vec<MaterialChange>,
     light: LightSpec,
     loading: LoadingSpec,
 }
@@ -25,6 +27,7 @@ impl From<&RenderSpec> for SceneSpec {
             integrator,
             set,
             surface,
+            material,
             light,
             loading,
             size: _,
@@ -41,17 +44,21 @@ impl From<&RenderSpec> for SceneSpec {
             look: _,
             encoding: _,
         } = spec.clone();
-        Self { scene, integrator, set, surface, light, loading }
+        Self { scene, integrator, set, surface, material, light, loading }
     }
 }
 
 impl SceneSpec {
     /// Returns the key, as text. It begins with the path of the scene.
     pub fn key(&self) -> String {
-        let Self { scene, integrator, set, surface, light, loading } = self;
+        let Self { scene, integrator, set, surface, material, light, loading } = self;
         let scene = scene.as_ref().map_or_else(String::new, |scene| scene.display().to_string());
         let set: Vec<String> = set.iter().map(Setting::to_string).collect();
         let surface: Vec<String> = surface.iter().map(ShaderSurface::to_string).collect();
-        format!("{scene} {}", json!([integrator, set, surface, light.entries(true), loading.entries(true)]))
+        let material: Vec<String> = material.iter().map(MaterialChange::to_string).collect();
+        format!(
+            "{scene} {}",
+            json!([integrator, set, surface, material, light.entries(true), loading.entries(true)])
+        )
     }
 }

@@ -10,6 +10,7 @@ fn read(text: &str) -> Result<RenderSpec, String> {
 const MANY: &str = r#"{
     "scene": "a/b.glb", "integrator": "whitted", "set": ["reach=1", "wood.rings=3"],
     "surface": "wall=a.wgsl,tint=1,0.5,0",
+    "material": "door,base-colour=0.8,0.1,0.1,roughness=0.25",
     "size": [64, 36], "max-bounces": 3, "seed": 18446744073709551615, "no-russian-roulette": true, "spp": "17",
     "noise": 0.05, "filter": "gaussian:2.5", "clamp-indirect": 10, "eye": [0.1, -2, 3e-2], "target": "0,0,0",
     "camera": "left", "K": [50, 50, 32, 18], "distortion": [0.1, 0, 0, 0], "f-stop": 2.8, "focus-distance": 4,

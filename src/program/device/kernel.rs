@@ -33,7 +33,7 @@ pub(crate) struct Kernel {
     /// The other scalars of the result.
     #[cfg(test)]
     pub given: Vec<(u32, Given)>,
-    /// What the entry point `probe` computes of three columns, by number of the case.
+    /// The value that the entry point `probe` computes of three columns, by number of the case.
     pub probes: Vec<Probe>,
 }
 

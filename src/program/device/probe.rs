@@ -36,7 +36,7 @@ const SHAPES: [Probe; 12] = [
 ];
 
 impl Probe {
-    /// What a report calls it.
+    /// The name that reports use.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Operation(operation) => operation.meaning(),

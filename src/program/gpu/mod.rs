@@ -18,7 +18,7 @@ use dispatch::{Entry, MOST_POINTS, Pipelines};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Why a device cannot compute a shader.
+/// Reason why a device cannot compute a shader.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuProgramError {
@@ -78,7 +78,7 @@ pub enum GpuProgramError {
     },
 }
 
-/// What a device has computed of a shader.
+/// Account of the points of a shader that a device has computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GpuProgramReport {
@@ -178,7 +178,7 @@ impl GpuProgram {
         &self.program.file
     }
 
-    /// What the device has computed so far.
+    /// The account of the points computed so far.
     pub fn report(&self) -> GpuProgramReport {
         GpuProgramReport { points: self.points.load(Relaxed), undecided: self.undecided.load(Relaxed) }
     }

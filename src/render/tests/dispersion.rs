@@ -91,7 +91,7 @@ fn dispersion_has_the_same_bytes_at_every_width_and_batch_size() {
         render(&path, batch, &tracer);
         path.film().resolve()
     };
-    let expected = bytes(SimdLevel::Scalar, 8192);
+    let expected = bytes(SimdLevel::narrowest(), 8192);
     for level in SimdLevel::available() {
         for batch in [8192, 37] {
             assert!(bytes(level, batch) == expected, "{level}, batches of {batch}");

@@ -493,7 +493,7 @@ fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
         render(&path, batch, &tracer);
         path.film().resolve()
     };
-    let expected = picture(SimdLevel::Scalar, 8192);
+    let expected = picture(SimdLevel::narrowest(), 8192);
     assert!(expected.iter().flatten().sum::<f32>() > 10.0);
     for level in SimdLevel::available() {
         for batch in [8192, 37, 1] {

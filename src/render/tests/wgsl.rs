@@ -67,7 +67,7 @@ fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
     let mut scene = one_of_everything();
     lamps(&mut scene, 2);
     for text in [WHITTED, SPLIT, OCCLUSION, TOON, THREE_LIGHTS, LOOP] {
-        let expected = pixels(&integrator(text, &scene).with_simd(SimdLevel::Scalar), 8192);
+        let expected = pixels(&integrator(text, &scene).with_simd(SimdLevel::narrowest()), 8192);
         assert!(expected.iter().flatten().sum::<f32>() > 5.0);
         for level in SimdLevel::available() {
             for batch in [8192, 77, 1] {

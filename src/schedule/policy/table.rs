@@ -2,7 +2,7 @@
 
 use super::{Load, QUEUED, Rule, Unit, View};
 
-/// Which rule a host thread tries first, and which unit gets a full stream that either could trace.
+/// An order of the rules that host threads try, and of the units for a full stream that either could trace.
 ///
 /// Policies exist to be measured against each other: the picture is the same under all of them. So is the proof in
 /// the README, which rests on what each rule requires and not on the order of the rules. With [`Unit::Cpu`] or
@@ -102,11 +102,13 @@ impl Policy {
         all
     };
 
-    /// The policy that RA uses with these units.
+    /// The policy that is used with these units unless another is chosen: RA's for a unit alone, and measured costs for
+    /// both.
     pub fn of(unit: Unit) -> Self {
         match unit {
             Unit::Cpu => Self::ShadeFirst,
-            Unit::Gpu | Unit::Hybrid => Self::RayAccelerator,
+            Unit::Gpu => Self::RayAccelerator,
+            Unit::Hybrid => Self::MeasuredRate,
         }
     }
 

@@ -3,9 +3,10 @@
 use crate::args::BenchLiveArgs;
 use crate::sheet::write;
 use anyhow::Result;
-use raystream::render::Settings;
+use raystream::picture::RenderSpec;
 use raystream::schedule::{Service, ServiceOptions};
 use raystream_bench::live::{Options, run as measure};
+use raystream_service::contract::Pose;
 use raystream_service::live::ViewScene;
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,13 +14,13 @@ use std::time::Duration;
 /// Measures a live view.
 pub fn run(args: &BenchLiveArgs) -> Result<()> {
     let (setup, camera) = args.shot.set_up(&args.scene, args.size, 1)?;
-    let (width, height) = args.size;
     let options = Options { poses: args.poses as usize, moving: Duration::from_secs(args.seconds.into()) };
     let service = ServiceOptions::default().with_host_threads(setup.service.host_threads());
     let service = Arc::new(Service::new(service)?);
-    let settings = Settings::new(width, height).with_spp(args.spp);
-    let stage = ViewScene::new("bench", Arc::new(setup.prepared.clone()), service);
-    let row = measure(stage.with_camera(camera).with_settings(settings), &options)?;
+    let mut spec = RenderSpec::default();
+    (spec.size, spec.stop.spp) = (args.size, Some(args.spp));
+    let stage = ViewScene::new("bench", Arc::new(setup.prepared.clone()), service).with_spec(spec);
+    let row = measure(stage, Pose::from(&camera), &options)?;
     stdout_line!(
         "first frame of a pose   {:>8.1} ms ({:.1} to {:.1})",
         row.first_ms.median,

@@ -27,6 +27,37 @@ fn hash(folder: &Path, scene: &str, more: &[&str]) -> String {
 }
 
 #[test]
+fn materials_are_changed_by_name_and_shaders_win() {
+    let folder = folder();
+    let recipe = RECIPE.replace(r#", "surface": "spots.wgsl", "options": { "size": 0.3 }"#, "");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("scene.json", &recipe);
+    write("red.json", &recipe.replace("[0.5, 0.5, 0.5]", "[0.5, 0.25, 0.125]"));
+    write("spots.wgsl", SPOTS);
+    let plain = hash(folder.path(), "scene.json", &[]);
+    let colour = ["--material", "ball,base-colour=0.5,0.25,0.125"];
+    let red = hash(folder.path(), "scene.json", &colour);
+    assert_ne!(red, plain);
+    // A matte ball becomes a metallic-roughness one without a highlight: other sums, the same colour to the eye.
+    let glow = hash(folder.path(), "scene.json", &["--material", "ball,emission=0.5,0.25,0.125"]);
+    assert!(glow != plain && glow != red);
+    let spots = ["--surface", "ball=spots.wgsl,size=0.3"];
+    let both = hash(folder.path(), "scene.json", &[&colour[..], &spots[..]].concat());
+    assert_eq!(both, hash(folder.path(), "scene.json", &spots));
+    for (change, says) in [
+        (
+            "wall,roughness=0.1",
+            "--material wall,roughness=0.1: no material is named \"wall\"; the scene has \"ball\"",
+        ),
+        ("ball,roughness=2", "0 to 1"),
+        ("ball", "write MATERIAL,KEY=VALUE"),
+    ] {
+        let error = run(folder.path(), &["render", "scene.json", "-o", "p.png", "--material", change], 2);
+        assert!(error.contains(says), "{change}: {error}");
+    }
+}
+
+#[test]
 fn shipped_shaders_are_valid_and_list_their_parameters() {
     let folder = folder();
     for (name, parameter) in [("wood", "rings: f32"), ("marble", "bend: f32"), ("brick", "joint: f32")] {

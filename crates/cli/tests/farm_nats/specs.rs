@@ -16,7 +16,7 @@ use crate::service::Service;
 /// Ten pictures, of the scene `box.json`.
 fn specs() -> [Value; 10] {
     [
-        json!({ "seed": 7, "max-bounces": 3 }),
+        json!({ "seed": 7, "max-bounces": 3, "material": "white,base-colour=0.3,0.7,0.2,roughness=0.5" }),
         json!({ "integrator": "whitted", "filter": "gaussian:2.5" }),
         json!({ "env": "sky.hdr", "env-rotation": 70, "no-russian-roulette": true }),
         json!({ "aov": ["depth", "normal", "albedo"], "transparent": true }),

@@ -3,15 +3,20 @@
 //! A [`LaneTask`] is generic over [`Lanes`]. [`SimdLevel::run`] instantiates it for each level inside a function that
 //! enables the level's instructions (`#[target_feature]`), and calls the one for the chosen level.
 //!
+//! The build script leaves levels out where the environment asks for one level alone (`CONTRIBUTING.md`): they are not
+//! available then.
+//!
 //! Unsafe code, because functions that enable instructions are called. Invariants:
 //! 1. Such a function is called only where [`SimdLevel::is_available`] has found the instructions.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::Lanes;
 #[cfg(target_arch = "aarch64")]
 use super::Neon;
 #[cfg(not(target_arch = "aarch64"))]
 use super::Plain;
-use super::{Lanes, SingleLane};
+#[cfg(not(without_scalar))]
+use super::SingleLane;
 use std::fmt;
 use std::str::FromStr;
 
@@ -73,31 +78,19 @@ impl SimdLevel {
         Self::ALL.into_iter().filter(|level| level.is_available()).collect()
     }
 
-    /// True if this processor has the level's instructions.
+    /// True if this processor has the level's instructions and this build the level.
     pub fn is_available(self) -> bool {
         match self {
-            Self::Scalar => true,
-            Self::Neon => cfg!(target_arch = "aarch64"),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => {
-                is_x86_feature_detected!("avx2")
-                    && is_x86_feature_detected!("fma")
-                    && is_x86_feature_detected!("bmi1")
-                    && is_x86_feature_detected!("bmi2")
-                    && is_x86_feature_detected!("lzcnt")
-                    && is_x86_feature_detected!("popcnt")
-            }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                Self::Avx2.is_available()
-                    && is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512bw")
-                    && is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512vl")
-            }
-            #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 | Self::Avx512 => false,
+            Self::Scalar => cfg!(not(without_scalar)),
+            Self::Neon => cfg!(all(target_arch = "aarch64", not(without_neon))),
+            Self::Avx2 => cfg!(not(without_avx2)) && has_avx2(),
+            Self::Avx512 => cfg!(not(without_avx512)) && has_avx512(),
         }
+    }
+
+    /// The available level with the fewest lanes, for work on single rays.
+    pub fn narrowest() -> Self {
+        Self::ALL.into_iter().rfind(|level| level.is_available()).expect("each build has a level")
     }
 
     /// The level of a `--simd` argument; `auto` is the best one that this processor has.
@@ -123,26 +116,24 @@ impl SimdLevel {
     pub fn run<T: LaneTask>(self, task: T) -> T::Output {
         assert!(self.is_available(), "this processor has no {self}");
         match self {
+            #[cfg(not(without_scalar))]
             Self::Scalar => task.one(),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(without_avx2)))]
             // SAFETY: invariant 1.
             Self::Avx2 => unsafe { task.avx2() },
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(without_avx512)))]
             // SAFETY: invariant 1.
             Self::Avx512 => unsafe { task.avx512() },
-            #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 | Self::Avx512 => unreachable!("not available"),
-            #[cfg(target_arch = "aarch64")]
+            #[cfg(all(target_arch = "aarch64", not(without_neon)))]
             Self::Neon => task.run(Neon),
-            #[cfg(not(target_arch = "aarch64"))]
-            Self::Neon => unreachable!("not available"),
+            _ => unreachable!("levels that are left out are not available"),
         }
     }
 
-    /// Runs a task with eight lanes and the best instructions for them.
+    /// Runs a task with eight lanes and the best instructions for them, in any build.
     pub(crate) fn run_eight<T: LaneTask>(task: T) -> T::Output {
         #[cfg(target_arch = "x86_64")]
-        if Self::Avx2.is_available() {
+        if has_avx2() {
             // SAFETY: invariant 1.
             return unsafe { task.avx2() };
         }
@@ -153,15 +144,18 @@ impl SimdLevel {
         task.eight(eight)
     }
 
-    /// The level whose tasks have `lanes` lanes.
+    /// The level whose tasks have `lanes` lanes; the narrowest if this build leaves it out.
     #[doc(hidden)]
     pub fn of_lanes(lanes: usize) -> Self {
-        match lanes {
+        let level = match lanes {
             16 => Self::Avx512,
             8 if cfg!(target_arch = "aarch64") => Self::Neon,
             8 => Self::Avx2,
             _ => Self::Scalar,
-        }
+        };
+        // All levels that lanes can be of are there, but in a build for one level.
+        let leaves_out = cfg!(any(without_avx512, without_avx2, without_neon, without_scalar));
+        if leaves_out && !level.is_available() { Self::narrowest() } else { level }
     }
 
     /// The name that arguments and reports use.
@@ -175,11 +169,37 @@ impl SimdLevel {
     }
 }
 
+/// True if this processor has the instructions of [`SimdLevel::Avx2`].
+fn has_avx2() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("fma")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// True if this processor has the instructions of [`SimdLevel::Avx512`].
+fn has_avx512() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return has_avx2()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
 /// The instances of a task. They are methods of the task, not functions of this module, because the compiler puts what
 /// is generic into the codegen unit of the type it is a method of: so it works on several tasks at the same time, and
 /// after an edit only on those that changed.
 trait Instances: LaneTask + Sized {
     /// One lane, without any instructions that not all processors have.
+    #[cfg(not(without_scalar))]
     #[inline(never)]
     fn one(self) -> Self::Output {
         self.run(SingleLane::default())
@@ -202,7 +222,7 @@ trait Instances: LaneTask + Sized {
     ///
     /// # Safety
     /// The processor has the instructions.
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(without_avx512)))]
     unsafe fn avx512(self) -> Self::Output;
 }
 
@@ -214,7 +234,7 @@ impl<T: LaneTask> Instances for T {
         self.run(unsafe { super::Avx2::new() })
     }
 
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(without_avx512)))]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     unsafe fn avx512(self) -> T::Output {
         // SAFETY: this function enables the instructions, so its caller has found them: invariant 1.
@@ -249,7 +269,8 @@ mod tests {
             assert_eq!(level.to_string().parse(), Ok(level));
         }
         assert_eq!(SimdLevel::choose("auto"), Ok(SimdLevel::detect()));
-        assert_eq!(SimdLevel::choose("scalar"), Ok(SimdLevel::Scalar));
+        let narrowest = SimdLevel::narrowest();
+        assert_eq!(SimdLevel::choose(narrowest.name()), Ok(narrowest));
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use super::{BusError, WorkBus};
 use crate::contract::{
-    Answer, Ask, Coordinator, EditList, FinishedUnit, Granted, Held, Leased, LiveAnswer, LiveAsk, LiveReply,
-    LiveScene, Pose, ResultReply, Tile, TileAsk, TileServer, Unit, UnitId, Wanted, WorkerInfo,
+    Answer, Ask, Coordinator, FinishedUnit, Granted, Held, Leased, LiveAnswer, LiveAsk, LiveReply, LiveScene,
+    ResultReply, Tile, TileAsk, TileServer, Unit, UnitId, Wanted, WorkerInfo,
 };
+use raystream::picture::RenderSpec;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -155,20 +156,16 @@ impl TileServer for TileRenderer {
 }
 
 fn tile_ask(rows: u32) -> TileAsk {
-    let pose = r#"{ "eye": [0.1, -2, 3e-7], "target": [0, 0, 0], "up": [0, 1, 0], "fov": 40, "lens": null }"#;
-    let pose: Pose = serde_json::from_str(pose).expect("a pose");
+    let spec = r#"{ "eye": [0.1, -2, 3e-7], "target": [0, 0, 0], "fov": 40, "spp": 1, "exposure": -0.37,
+        "surface": "wall=wall.wgsl", "material": "door,roughness=0.1" }"#;
+    let mut spec: RenderSpec = serde_json::from_str(spec).expect("a spec");
+    spec.size = (64, rows);
     TileAsk {
         view: u64::MAX,
         frame: 3,
-        pose,
-        edits: EditList::default(),
-        size: [64, rows],
+        spec,
+        shaders: [("wall.wgsl".to_owned(), "fn pattern".to_owned())].into(),
         rows: 0..rows,
-        spp: 1,
-        max_bounces: 2,
-        seed: 9,
-        transform: "agx".into(),
-        stops: -0.37,
         is_metered: true,
         budget_ms: 80,
     }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub struct Build(BTreeMap<String, String>);
 
 /// Counts incompatible messages between coordinator and workers.
-const PROTOCOL_VERSION: u32 = 5;
+const PROTOCOL_VERSION: u32 = 6;
 
 impl Build {
     /// This process's.

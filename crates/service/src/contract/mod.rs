@@ -3,7 +3,6 @@
 //! Whoever speaks is a stranger: what comes in is checked here, by the same code on both sides.
 
 mod digits;
-mod edit;
 pub mod failpoint;
 mod lease;
 mod limits;
@@ -20,8 +19,6 @@ mod unit;
 mod watch;
 
 pub use digits::{from_hex, hex, random_hex};
-pub use edit::{EditList, MaterialEdit};
-pub(crate) use edit::{Edits, flat_colour, principled};
 pub use failpoint::Failpoint;
 pub use lease::{MOST_SLOTS, digest};
 pub use limits::Limits;
@@ -35,7 +32,7 @@ pub use pose::{Lens, Pose};
 pub use private_file::write_private;
 pub use problem::Problem;
 pub use scene_folder::{entry_in, refused};
-pub use tiles::{LiveAnswer, LiveAsk, LiveReply, LiveScene, Tile, TileAsk, TileServer};
+pub use tiles::{LiveAnswer, LiveAsk, LiveReply, LiveScene, ShaderTexts, Tile, TileAsk, TileServer};
 pub use times::{ANSWERED_TOGETHER, BEATS, LEASE, PART_BYTES, REPORT};
 pub use unit::{Unit, UnitId};
 pub use watch::UnitWatch;

@@ -1,7 +1,8 @@
 //! Cameras as clients send and receive them.
 
 use glam::Vec3;
-use raystream::scene::{Aperture, Camera, CameraError, Projection};
+use raystream::picture::RenderSpec;
+use raystream::scene::{Aperture, Camera, Projection};
 use serde::{Deserialize, Serialize};
 
 /// The position, direction, field of view and lens of a camera.
@@ -41,49 +42,46 @@ impl From<&Camera> for Pose {
 }
 
 impl Pose {
-    /// A camera with this pose. What the pose does not say, such as another projection or blades, is `base`'s.
-    ///
-    /// # Errors
-    /// If a picture of this size has no view from there.
-    pub fn camera(&self, base: &Camera, [width, height]: [u32; 2]) -> Result<Camera, CameraError> {
-        let mut camera = *base;
-        (camera.eye, camera.target, camera.up) = (self.eye, self.target, self.up);
-        if let (Some(fov_degrees), Projection::Perspective { .. }) = (self.fov, base.projection) {
-            camera.projection = Projection::Perspective { fov_degrees };
-        }
-        camera.aperture = self.lens.map(|lens| {
-            let mut aperture = base.aperture.unwrap_or(Aperture::new(0.0, 0.0));
-            (aperture.radius, aperture.focus_distance) = (lens.radius, lens.focus_distance);
-            aperture
-        });
-        camera.lens(width, height)?;
-        Ok(camera)
+    /// Gives a spec this camera. What the pose does not say, such as another projection or blades, stays that of
+    /// `own`, the scene's camera.
+    pub fn write(&self, own: Option<&Camera>, spec: &mut RenderSpec) {
+        let has_fov = own.is_none_or(|own| matches!(own.projection, Projection::Perspective { .. }));
+        (spec.camera.eye, spec.camera.target, spec.camera.up) =
+            (Some(self.eye), Some(self.target), Some(self.up));
+        spec.camera.fov = self.fov.filter(|_| has_fov);
+        let closed = own.is_some_and(|own| own.aperture.is_some()).then_some(0.0);
+        spec.optics.aperture_radius = self.lens.map(|lens| lens.radius).or(closed);
+        spec.optics.focus_distance = self.lens.map(|lens| lens.focus_distance);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use raystream::picture::Frames;
+    use raystream::scene::Scene;
+
+    /// The camera of a spec with the camera of a pose, in a scene with its own.
+    fn camera(pose: &Pose, own: Camera) -> Camera {
+        let (mut spec, mut scene) = (RenderSpec::default(), Scene::default());
+        pose.write(Some(&own), &mut spec);
+        scene.camera = Some(own);
+        let frames = Frames::new(&spec, &scene).expect("a still");
+        frames.camera(&spec, 0).expect("a camera")
+    }
 
     #[test]
     fn a_pose_keeps_what_it_does_not_say() {
         let base = Camera::new(Vec3::new(0.0, 1.0, 5.0), Vec3::ZERO)
             .with_aperture(Aperture::new(0.1, 5.0).with_blades(6, 10.0));
         let pose = Pose { eye: Vec3::new(3.0, 1.0, 0.0), fov: Some(30.0), ..Pose::from(&base) };
-        let moved = pose.camera(&base, [64, 64]).expect("a view");
+        let moved = camera(&pose, base);
         assert_eq!(moved.aperture, base.aperture);
         assert_eq!(Pose::from(&moved), pose);
+        let sharp = Pose { lens: None, ..pose };
+        assert_eq!(Pose::from(&camera(&sharp, base)), sharp);
         let flat = base.with_projection(Projection::Orthographic { height: 2.0 });
-        let moved = Pose { fov: Some(30.0), ..Pose::from(&flat) }.camera(&flat, [64, 64]).expect("a view");
-        assert_eq!(moved.projection, flat.projection);
-    }
-
-    #[test]
-    fn a_pose_without_a_view_is_refused() {
-        let base = Camera::new(Vec3::Z, Vec3::ZERO);
-        let here = Pose { target: Vec3::Z, ..Pose::from(&base) };
-        assert!(here.camera(&base, [64, 64]).is_err());
-        let nowhere = Pose { eye: Vec3::splat(f32::NAN), ..Pose::from(&base) };
-        assert!(nowhere.camera(&base, [64, 64]).is_err());
+        let pose = Pose { fov: Some(30.0), ..Pose::from(&flat) };
+        assert_eq!(camera(&pose, flat).projection, flat.projection);
     }
 }

@@ -1,8 +1,8 @@
 //! Tiles of live views: what a coordinator asks of workers, and what they answer.
 
-use super::edit::EditList;
-use super::pose::Pose;
+use raystream::picture::RenderSpec;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -19,6 +19,9 @@ pub struct LiveScene {
     pub identity: String,
 }
 
+/// Texts of shaders in WGSL, by the files that a spec's surfaces name.
+pub type ShaderTexts = BTreeMap<String, String>;
+
 /// Rows of a frame that are wanted soon. They are a function of all but `view`, `frame`, `is_metered` and `budget_ms`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,24 +30,13 @@ pub struct TileAsk {
     pub view: u64,
     /// The frame's number in its view, which rises.
     pub frame: u64,
-    /// The camera. What the pose does not say is the scene's.
-    pub pose: Pose,
-    /// Changes of the scene's materials.
-    pub edits: EditList,
-    /// Width and height of the whole frame in pixels.
-    pub size: [u32; 2],
+    /// The whole frame: size, samples, bounces, seed, camera, look, materials, surfaces, and nothing else. Its exposure
+    /// is a number of stops.
+    pub spec: RenderSpec,
+    /// The shaders of its surfaces.
+    pub shaders: ShaderTexts,
     /// The rows of the tile. The first one is a multiple of [`crate::live::STRIP_ROWS`].
     pub rows: Range<u32>,
-    /// Samples a pixel.
-    pub spp: u32,
-    /// Maximum number of bounces.
-    pub max_bounces: u32,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Name of the view transform ([`raystream::film::View`]).
-    pub transform: String,
-    /// Exposure in stops.
-    pub stops: f32,
     /// True if [`Tile::light`] is wanted.
     pub is_metered: bool,
     /// Milliseconds after which the tile comes too late.

@@ -17,5 +17,6 @@ mod state;
 mod webhook;
 
 pub use auth::TOKEN_FILE;
+pub use openapi::api;
 pub use server::{Options, ServeError, Stop, Tls, run};
 pub use state::State;

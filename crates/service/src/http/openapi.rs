@@ -15,10 +15,11 @@ const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 4
 
 /// `GET /openapi.json`.
 pub async fn document() -> Json<Value> {
-    Json(described())
+    Json(api())
 }
 
-fn described() -> Value {
+/// The description of the API, an OpenAPI 3.1 document: what `GET /openapi.json` answers.
+pub fn api() -> Value {
     let mut paths = serde_json::Map::new();
     for route in routes::all() {
         let path = paths.entry(route.path).or_insert_with(|| json!({}));
@@ -186,7 +187,7 @@ mod tests {
     /// Each schema that the document refers to is there.
     #[test]
     fn references_lead_somewhere() {
-        let described = described();
+        let described = api();
         let text = described.to_string();
         let names: Vec<&str> =
             text.split("#/components/schemas/").skip(1).filter_map(|rest| rest.split('"').next()).collect();

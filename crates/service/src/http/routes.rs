@@ -21,8 +21,8 @@ pub fn all() -> Vec<Route> {
 
 fn open() -> [Route; 5] {
     [
-        Route::get("/healthz", "Whether the process answers", health::healthz).media(TEXT),
-        Route::get("/readyz", "Whether the service can work", health::readyz).media(TEXT),
+        Route::get("/healthz", "The process answers", health::healthz).media(TEXT),
+        Route::get("/readyz", "The service can work", health::readyz).media(TEXT),
         Route::get("/openapi.json", "This document", openapi::document),
         Route::post("/api/v1/session", "Token in, cookie out", session::create)
             .codes(&[204])
@@ -34,15 +34,17 @@ fn open() -> [Route; 5] {
 
 fn of_jobs() -> [Route; 12] {
     [
-        Route::get("/api/v1/jobs", "Jobs, the latest first", jobs::list).query(&[
-            ("state", "string", false),
-            ("cursor", "integer", false),
-            ("limit", "integer", false),
-        ]),
-        Route::post("/api/v1/jobs", "Submit a job", jobs::submit)
-            .codes(&[200, 202])
-            .body(Body::Json("JobRequest")),
-        Route::get("/api/v1/jobs/{id}", "A job and its pictures", jobs::status).answer("Job"),
+        Route::get("/api/v1/jobs", "Jobs, the latest first; `cursor` leads to the next page", jobs::list)
+            .query(&[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)]),
+        Route::post(
+            "/api/v1/jobs",
+            "Submit a job: 202, or 200 if an earlier job has the answer",
+            jobs::submit,
+        )
+        .codes(&[200, 202])
+        .body(Body::Json("JobRequest")),
+        Route::get("/api/v1/jobs/{id}", "State, progress, pictures with their hashes", jobs::status)
+            .answer("Job"),
         Route::post("/api/v1/jobs/{id}/cancel", "Abandon a job", jobs::cancel).answer("Steered"),
         Route::post("/api/v1/jobs/{id}/pause", "Let a job wait", jobs::pause).answer("Steered"),
         Route::post("/api/v1/jobs/{id}/resume", "Go on with a paused job", jobs::resume).answer("Steered"),
@@ -51,20 +53,32 @@ fn of_jobs() -> [Route; 12] {
         Route::post("/api/v1/jobs/{id}/priority", "Change the priority", jobs::priority)
             .answer("Steered")
             .body(Body::Json("Priority")),
-        Route::get("/api/v1/jobs/{id}/events", "Events of a job as they happen", events::of_job)
-            .media(EVENTS),
+        Route::get(
+            "/api/v1/jobs/{id}/events",
+            "Server-sent events of a job; `Last-Event-ID` goes on after one",
+            events::of_job,
+        )
+        .media(EVENTS),
         Route::get(
             "/api/v1/jobs/{id}/timeline",
             "Who rendered which unit when, as a Chrome trace",
             timeline::of_job,
         ),
-        Route::get("/api/v1/jobs/{id}/frames/{file}", "FRAME.png, .exr, .npz or .npy", results::picture)
-            .codes(&[200, 304])
-            .media(PICTURES)
-            .query(&[("view", "string", false), ("exposure", "string", false)]),
-        Route::get("/api/v1/jobs/{id}/frames/{frame}/{file}", "LAYER.npy of a frame", results::layer)
-            .codes(&[200, 304])
-            .media(&[ANY]),
+        Route::get(
+            "/api/v1/jobs/{id}/frames/{file}",
+            "A picture: FRAME.png, .exr, .npz or .npy",
+            results::picture,
+        )
+        .codes(&[200, 304])
+        .media(PICTURES)
+        .query(&[("view", "string", false), ("exposure", "string", false)]),
+        Route::get(
+            "/api/v1/jobs/{id}/frames/{frame}/{file}",
+            "A layer of a frame: LAYER.npy",
+            results::layer,
+        )
+        .codes(&[200, 304])
+        .media(&[ANY]),
     ]
 }
 
@@ -72,18 +86,23 @@ fn of_farms() -> [Route; 4] {
     [
         Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers),
         Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust),
-        Route::get("/api/v1/events", "Events of all jobs as they happen", events::of_all).media(EVENTS),
+        Route::get("/api/v1/events", "Server-sent events of all jobs", events::of_all).media(EVENTS),
         Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT),
     ]
 }
 
 fn of_scenes() -> [Route; 5] {
     [
-        Route::get("/api/v1/scenes/{sha256}", "Whether a scene is here", scenes::about).answer("Scene"),
-        Route::put("/api/v1/scenes/{sha256}", "Upload a GLB, or a zip of files", scenes::upload)
-            .codes(&[200, 201])
-            .answer("Scene")
-            .body(Body::Bytes),
+        Route::get("/api/v1/scenes/{sha256}", "A scene that was uploaded; 404 if it was not", scenes::about)
+            .answer("Scene"),
+        Route::put(
+            "/api/v1/scenes/{sha256}",
+            "Upload a GLB, or a zip of files: 201, or 200 if it is known",
+            scenes::upload,
+        )
+        .codes(&[200, 201])
+        .answer("Scene")
+        .body(Body::Bytes),
         Route::post("/api/v1/query", "Rays in (.npy), hits out (.npz)", query::query)
             .media(&["application/zip"])
             .body(Body::Bytes)

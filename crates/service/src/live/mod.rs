@@ -16,6 +16,7 @@ mod display;
 mod encoder;
 mod inbox;
 mod layer_colours;
+mod live_spec;
 mod message;
 mod outbox;
 mod pick;

@@ -1,6 +1,5 @@
 //! What is seen at a pixel.
 
-use crate::contract::principled;
 use glam::Vec3;
 use raystream::engine::PreparedScene;
 use raystream::scene::{Camera, Material, Surface};
@@ -59,7 +58,7 @@ impl MaterialFacts {
             Surface::Mix(_) => "mix",
             _ => "other",
         };
-        let surface = principled(material);
+        let surface = material.principled();
         let textured = surface.as_ref().is_some_and(|surface| {
             !surface.base_colour.is_constant()
                 || surface.roughness.texture.is_some()

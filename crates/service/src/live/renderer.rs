@@ -14,6 +14,7 @@ mod sharing;
 
 use super::encoder::{Content, Encoder, Shown};
 use super::inbox::{Inbox, News};
+use super::live_spec::LiveSpec;
 use super::outbox::Outbox;
 use super::pick::pick;
 use super::shared_frame::SharedFrame;
@@ -21,11 +22,11 @@ use super::statistics::{FrameRate, rays_per_second};
 use super::tile::{path_tracer, rows_of};
 use super::tile_dispatch::TileDispatch;
 use super::{FrameFlags, RaysPerSecond, Reply, Request, Resolution, State, Statistics, Timeline, ViewScene};
-use crate::contract::{Edits, Pose};
+use crate::contract::Pose;
 use raystream::engine::PreparedScene;
 use raystream::film::{Exposure, Look, Picture, View};
 use raystream::render::{Aov, AovSet, Integrator, PassOptions, PathTracer, Progressive, Settings};
-use raystream::scene::Camera;
+use raystream::scene::{Camera, Scene};
 use raystream::schedule::{JobOptions, JobReport, Policy, Priority, Unit};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -49,9 +50,9 @@ const LOOK_AFTER: Duration = Duration::from_millis(250);
 /// What the view is to show.
 #[derive(Clone, Debug)]
 struct Wanted {
+    spec: LiveSpec,
+    /// The camera of the spec.
     camera: Camera,
-    settings: Settings,
-    layer: Option<Aov>,
     policy: Option<Policy>,
     unit: Option<Unit>,
 }
@@ -80,9 +81,7 @@ pub(super) struct Renderer {
     view_scene: ViewScene,
     /// The scene with edits.
     prepared: PreparedScene,
-    edits: Edits,
     wanted: Wanted,
-    look: Look,
     generation: u32,
     /// Number of changes so far, and how many of them the newest moving frame shows.
     version: u64,
@@ -104,13 +103,11 @@ pub(super) struct Renderer {
 
 impl Renderer {
     pub fn new(view_scene: ViewScene, inbox: Arc<Inbox>, outbox: Arc<Outbox>, encoder: Encoder) -> Self {
-        let (camera, settings) = (view_scene.camera, view_scene.settings);
+        let (spec, camera) = LiveSpec::new(view_scene.spec.clone(), &view_scene.prepared.scene);
         let now = Instant::now();
         Self {
             prepared: PreparedScene::clone(&view_scene.prepared),
-            edits: Edits::default(),
-            wanted: Wanted { camera, settings, layer: None, policy: None, unit: None },
-            look: view_scene.look,
+            wanted: Wanted { spec, camera, policy: None, unit: None },
             generation: 0,
             version: 1,
             begun_version: 0,
@@ -186,7 +183,7 @@ impl Renderer {
         };
         Reply::Hello {
             scene: self.view_scene.name.clone(),
-            pose: Pose::from(&self.view_scene.camera),
+            pose: Pose::from(&self.wanted.camera),
             least: bounds.min.to_array(),
             greatest: bounds.max.to_array(),
             triangles: scene.mesh.triangles.len(),
@@ -203,27 +200,28 @@ impl Renderer {
     fn answer(&mut self, request: Request) -> Result<(), String> {
         match request {
             Request::Camera { generation, pose } => {
-                let Settings { width, height, .. } = self.wanted.settings;
-                let camera = pose.camera(&self.view_scene.camera, [width, height]);
-                self.wanted.camera = camera.map_err(|error| error.to_string())?;
-                self.change(generation);
+                let spec = self.wanted.spec.posed(self.own_scene(), &pose);
+                self.see(spec, generation)?;
             }
             Request::Size { generation, width, height } => {
-                let settings = self.wanted.settings.with_size(width, height);
-                self.wanted.camera.lens(width, height).map_err(|error| error.to_string())?;
-                self.wanted.settings = settings;
-                self.change(generation);
+                let mut spec = self.wanted.spec.clone();
+                spec.spec_mut().size = (width, height);
+                self.see(spec, generation)?;
             }
             Request::Quality { generation, spp, max_bounces } => {
-                self.wanted.settings = self.wanted.settings.with_spp(spp).with_max_bounces(max_bounces);
+                let spec = self.wanted.spec.spec_mut();
+                (spec.stop.spp, spec.max_bounces) = (Some(spp), max_bounces);
                 self.change(generation);
             }
             Request::Look { exposure, view } => {
-                self.look = look(exposure, &view)?;
-                self.encoder.set_look(self.look);
+                let look = look(exposure, &view)?;
+                let spec = self.wanted.spec.spec_mut();
+                (spec.look.view, spec.look.exposure) = (look.view(), look.exposure());
+                self.encoder.set_look(spec.look.look());
             }
             Request::Layer { generation, layer } => {
-                self.wanted.layer = layer.map(|name| aov(&name)).transpose()?;
+                let layer = layer.map(|name| aov(&name)).transpose()?;
+                self.wanted.spec.spec_mut().layers.aov = layer.map(|layer| AovSet::default().with(layer));
                 self.change(generation);
             }
             Request::Scheduling { generation, policy, unit } => {
@@ -232,16 +230,21 @@ impl Renderer {
                 self.change(generation);
             }
             Request::Material { generation, material, edit } => {
-                let edits = self.edits.with(material, edit)?;
-                self.edit(edits, generation)?;
+                let spec = self.wanted.spec.edited(&self.material(material)?, edit)?;
+                self.edit(spec, generation)?;
             }
             Request::Shader { generation, material, source } => {
-                let edits = self.edits.with_shader(material, source.as_deref());
-                let attached = edits.and_then(|edits| self.edit(edits, generation));
+                let named = self.material(material);
+                let spec = named.and_then(|named| self.wanted.spec.shaded(&named, source.as_deref()));
+                let attached = spec.and_then(|spec| self.edit(spec, generation));
                 self.outbox.put(Reply::Shader { material, error: attached.err() });
             }
             Request::Pick { id, x, y } => self.pick(id, [x, y]),
             Request::Save { format } => self.encoder.save(format),
+            Request::Spec => {
+                let (spec, shaders) = (self.wanted.spec.spec().clone(), self.wanted.spec.texts().clone());
+                self.outbox.put(Reply::Spec { spec, shaders });
+            }
             // Credits are the connection's affair.
             Request::Ack { .. } => {}
         }
@@ -260,16 +263,47 @@ impl Renderer {
         }
     }
 
-    fn edit(&mut self, edits: Edits, generation: u32) -> Result<(), String> {
-        let scene = edits.of(&self.view_scene.prepared.scene)?;
+    /// The scene without edits.
+    fn own_scene(&self) -> &Scene {
+        &self.view_scene.prepared.scene
+    }
+
+    /// The size, samples and bounces of the full picture.
+    fn settings(&self) -> Settings {
+        self.wanted.spec.spec().settings()
+    }
+
+    /// The layer that is shown in place of radiance.
+    fn layer(&self) -> Option<&AovSet> {
+        self.wanted.spec.spec().layers.aov.as_ref()
+    }
+
+    /// The name of a material.
+    fn material(&self, index: u32) -> Result<String, String> {
+        let materials = &self.own_scene().materials;
+        let missing = || format!("there is no material {index}; the scene has {}", materials.len());
+        materials.get(index as usize).map(|material| material.name.clone()).ok_or_else(missing)
+    }
+
+    /// Shows the spec's camera and size.
+    fn see(&mut self, spec: LiveSpec, generation: u32) -> Result<(), String> {
+        self.wanted.camera = spec.camera(self.own_scene())?;
+        self.wanted.spec = spec;
+        self.change(generation);
+        Ok(())
+    }
+
+    /// Shows the spec's materials.
+    fn edit(&mut self, spec: LiveSpec, generation: u32) -> Result<(), String> {
+        let scene = spec.scene(self.own_scene())?;
         self.prepared = self.view_scene.prepared.with_scene(scene).map_err(|error| error.to_string())?;
-        self.edits = edits;
+        self.wanted.spec = spec;
         self.change(generation);
         Ok(())
     }
 
     fn pick(&self, id: u32, [x, y]: [u32; 2]) {
-        let Settings { width, height, .. } = self.wanted.settings;
+        let Settings { width, height, .. } = self.settings();
         let hit = pick(&self.prepared, &self.wanted.camera, [width, height], [x, y]);
         let radiance = self.encoder.shown().and_then(|shown| {
             // The picture may be smaller than the full one.
@@ -309,13 +343,13 @@ impl Renderer {
 
     /// The size of the next moving frame.
     fn moving_size(&self) -> [u32; 2] {
-        let Settings { width, height, .. } = self.wanted.settings;
+        let Settings { width, height, .. } = self.settings();
         self.resolution.size([width, height])
     }
 
     /// The settings of moving frames of this size.
     fn moving(&self, [width, height]: [u32; 2]) -> Settings {
-        self.wanted.settings.with_size(width, height).with_spp(1)
+        self.settings().with_size(width, height).with_spp(1)
     }
 
     /// A frame of what is wanted, without any job: the whole, or the coordinator's rows.
@@ -324,18 +358,17 @@ impl Renderer {
         is_moving: bool,
         shared: Option<&SharedFrame>,
     ) -> Result<Progressive<PathTracer>, String> {
-        let Wanted { camera, settings, layer, .. } = &self.wanted;
         let (settings, options) = if is_moving {
             (self.moving(self.moving_size()), PassOptions::default())
         } else {
-            (settings.with_early_end(true), PassOptions::default().with_pass_time(PASS_TIME))
+            (self.settings().with_early_end(true), PassOptions::default().with_pass_time(PASS_TIME))
         };
-        let mut path = path_tracer(&self.prepared, camera, settings)?;
+        let mut path = path_tracer(&self.prepared, &self.wanted.camera, settings)?;
         if let Some(shared) = shared {
             return rows_of(path, shared.split().own.clone());
         }
-        if let Some(layer) = layer {
-            path = path.with_aovs(&AovSet::default().with(*layer)).map_err(|error| error.to_string())?;
+        if let Some(layer) = self.layer() {
+            path = path.with_aovs(layer).map_err(|error| error.to_string())?;
         }
         Ok(Progressive::new(path, options))
     }
@@ -455,7 +488,7 @@ impl Renderer {
             },
             share: self.resolution.share(),
             spp,
-            target_spp: self.wanted.settings.spp,
+            target_spp: self.settings().spp,
             elapsed_ms: self.changed_at.elapsed().as_millis() as u64,
             rays_per_second,
             policy: self.wanted.policy.unwrap_or(Policy::of(unit)).name(),
@@ -466,14 +499,14 @@ impl Renderer {
 
     /// What saved files say of the picture.
     fn describe(&self, picture: &mut Picture, spp: f64) {
-        let Wanted { camera, settings, .. } = &self.wanted;
+        let settings = self.settings();
         let facts = [
-            ("camera", camera.to_string()),
+            ("camera", self.wanted.camera.to_string()),
             ("integrator", "path".to_owned()),
             ("mean_spp", spp.to_string()),
             ("max_bounces", settings.max_bounces.to_string()),
             ("seed", settings.seed.to_string()),
-            ("view", self.look.view().name().to_owned()),
+            ("view", self.wanted.spec.spec().look.view.name().to_owned()),
         ];
         picture.metadata.extend(facts.map(|(name, text)| (name.to_owned(), text)));
     }

@@ -1,7 +1,8 @@
 //! What a live view says beside frames, as JSON.
 
 use super::{Picked, Statistics, Timeline};
-use crate::contract::Pose;
+use crate::contract::{Pose, ShaderTexts};
+use raystream::picture::RenderSpec;
 use serde::Serialize;
 
 /// A message to the client.
@@ -53,6 +54,13 @@ pub enum Reply {
         material: u32,
         /// Why not, with file, line and column.
         error: Option<String>,
+    },
+    /// The picture that the view shows when it rests, as data: `raystream render --options` makes the same one.
+    Spec {
+        /// The picture. Its scene is the id of an upload, or the name of the file that the view was opened with.
+        spec: RenderSpec,
+        /// The files that it names for surfaces, with their texts.
+        shaders: ShaderTexts,
     },
     /// A request was refused or failed; the view shows what it did before.
     Refused {

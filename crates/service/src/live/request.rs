@@ -1,6 +1,7 @@
 //! What clients ask of a live view, as JSON.
 
-use crate::contract::{MaterialEdit, Pose};
+use crate::contract::Pose;
+use raystream::scene::MaterialEdit;
 use serde::Deserialize;
 
 /// A request. Those that change the picture carry a generation, which rises with each; frames carry the generation of
@@ -57,7 +58,7 @@ pub enum Request {
         /// `cpu`, `gpu` or `hybrid`; `None` is that of the scene.
         unit: Option<String>,
     },
-    /// Edits a material.
+    /// Edits a material, and all others of its name.
     Material {
         /// See [`Request`].
         generation: u32,
@@ -66,7 +67,7 @@ pub enum Request {
         /// What changes.
         edit: MaterialEdit,
     },
-    /// Gives a material a surface in WGSL.
+    /// Gives a material, and all others of its name, a surface in WGSL.
     Shader {
         /// See [`Request`].
         generation: u32,
@@ -89,6 +90,8 @@ pub enum Request {
         /// The file's format.
         format: PictureFile,
     },
+    /// Asks for the render spec of what the view shows.
+    Spec,
     /// Says that a frame has been shown, which is a credit for another one.
     Ack {
         /// Its number.

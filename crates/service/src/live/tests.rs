@@ -1,11 +1,13 @@
 //! A view in this process, without a network.
 
 use super::{Frame, LiveView, PictureFile, Reply, Request, State, ViewScene};
-use crate::contract::{MaterialEdit, Pose};
+use crate::contract::Pose;
 use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
-use raystream::render::Settings;
+use raystream::film::{WriteOptions, write_picture};
+use raystream::picture::RenderSpec;
+use raystream::scene::MaterialEdit;
 use raystream::scene::recipe::Recipe;
 use raystream::schedule::{Service, ServiceOptions};
 use std::io::Read;
@@ -31,8 +33,9 @@ pub(super) fn view_scene(spp: u32) -> ViewScene {
         let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
         (Arc::new(prepared), Arc::new(service))
     });
-    let settings = Settings::new(64, 36).with_spp(spp).with_max_bounces(2);
-    ViewScene::new("sphere", Arc::clone(prepared), Arc::clone(service)).with_settings(settings)
+    let mut spec = RenderSpec::default();
+    (spec.size, spec.stop.spp, spec.max_bounces) = ((64, 36), Some(spp), 2);
+    ViewScene::new("sphere", Arc::clone(prepared), Arc::clone(service)).with_spec(spec)
 }
 
 /// A view, and what it says.
@@ -174,7 +177,7 @@ fn an_edit_changes_the_picture_and_a_shader_tells_its_errors() {
     };
     client.view.ask(shader(2, Some("fn pattern(at: Point) -> Finish { return mate(at); }")));
     let error = client.reply("the shader's error", answer).expect("`mate` is no function");
-    assert!(error.contains("shader.wgsl:1:"), "{error}");
+    assert!(error.contains("grey.wgsl:1:"), "{error}");
     let blue = "fn pattern(at: Point) -> Finish {
         var finish = matte(at); finish.colour = vec3f(0.1, 0.1, 0.9); return finish; }";
     client.view.ask(shader(3, Some(blue)));
@@ -233,6 +236,42 @@ fn pictures_are_saved_as_files() {
         let file = client.wait("a file", |client| client.view.take_file());
         assert!(file.bytes.starts_with(magic), "{format:?}");
     }
+}
+
+#[test]
+fn the_spec_of_a_view_renders_its_picture() {
+    let mut client = Client::new(4);
+    client.look_from(1, Vec3::new(1.5, 2.0, 3.0));
+    let edit = MaterialEdit { emission: Some(Vec3::new(0.1, 0.2, 0.3)), ..MaterialEdit::default() };
+    client.view.ask(Request::Material { generation: 2, material: 0, edit });
+    let source = "fn pattern(at: Point) -> Finish {
+        var finish = matte(at); finish.colour = vec3f(0.1, fract(3 * at.position.y), 0.9); return finish; }";
+    client.view.ask(Request::Shader { generation: 3, material: 0, source: Some(source.into()) });
+    client.view.ask(Request::Quality { generation: 4, spp: 3, max_bounces: 1 });
+    client.view.ask(Request::Size { generation: 5, width: 48, height: 40 });
+    client.view.ask(Request::Look { exposure: Some(1.0), view: "standard".into() });
+    client.last(5);
+    client.view.ask(Request::Save { format: PictureFile::Png });
+    let shown = client.wait("a file", |client| client.view.take_file());
+    client.view.ask(Request::Spec);
+    let (mut spec, shaders) = client.reply("a spec", |reply| match reply {
+        Reply::Spec { spec, shaders } => Some((spec.clone(), shaders.clone())),
+        _ => None,
+    });
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("ball.json", RECIPE);
+    shaders.iter().for_each(|(file, text)| write(file, text));
+    spec.scene = Some("ball.json".into());
+    let text = serde_json::to_string(&spec).expect("JSON");
+    let spec: RenderSpec = serde_json::from_str(&text).expect("a spec");
+    let rendering = raystream::picture::open(&spec, folder.path(), &Units::cpu()).expect("a picture");
+    let service = Service::new(ServiceOptions::default()).expect("threads");
+    let picture = rendering.render(&service, 0).expect("rendered");
+    let path = folder.path().join("again.png");
+    write_picture(&path, &picture, &spec.look.look(), &WriteOptions::default()).expect("written");
+    let pixels = |bytes: &[u8]| image::load_from_memory(bytes).expect("a PNG").into_rgb8();
+    assert_eq!(pixels(&shown.bytes), pixels(&std::fs::read(&path).expect("written")));
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Rows of a moving frame: rendered, shown as a display shows them, and encoded.
 
 use super::encoder::{MOVING_QUALITY, table};
+use super::live_spec::LiveSpec;
 use super::strips;
-use crate::contract::{EditList, Edits, Tile, TileAsk};
+use crate::contract::{Tile, TileAsk};
 use raystream::engine::PreparedScene;
-use raystream::film::{Exposure, Image, Light, Look, Region, View};
+use raystream::film::{Image, Light, Look, Region, View};
 use raystream::render::{Integrator, Part, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings};
 use raystream::scene::Camera;
 use raystream::schedule::{JobOptions, Priority, Service};
@@ -18,8 +19,6 @@ const LOOK: Duration = Duration::from_millis(5);
 /// A scene, as a worker renders tiles of it.
 pub struct TileScene {
     prepared: PreparedScene,
-    /// What a pose does not say of a camera.
-    camera: Camera,
     service: Arc<Service>,
     /// What was wanted last.
     ready: Mutex<Ready>,
@@ -27,21 +26,15 @@ pub struct TileScene {
 
 /// The scene with edits, and its frames of one size. A tile's film takes the memory of the one before it.
 struct Ready {
-    edits: EditList,
+    spec: LiveSpec,
     prepared: PreparedScene,
     path: Option<PathTracer>,
 }
 
 impl std::fmt::Debug for TileScene {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("TileScene").field("camera", &self.camera).finish_non_exhaustive()
+        f.debug_struct("TileScene").field("scene", &self.prepared).finish_non_exhaustive()
     }
-}
-
-/// The camera that views of a scene begin with.
-pub(super) fn first_camera(prepared: &PreparedScene) -> Camera {
-    let scene = &prepared.scene;
-    scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0))
 }
 
 /// All samples of these rows of a picture.
@@ -79,22 +72,20 @@ impl TileScene {
     pub fn new(prepared: &PreparedScene, service: &Arc<Service>) -> Self {
         // The first tile has no time to make it.
         table(View::default());
-        let camera = first_camera(prepared);
-        let ready = Ready { edits: EditList::default(), prepared: prepared.clone(), path: None };
-        Self { prepared: prepared.clone(), camera, service: Arc::clone(service), ready: Mutex::new(ready) }
+        let ready = Ready { spec: LiveSpec::default(), prepared: prepared.clone(), path: None };
+        Self { prepared: prepared.clone(), service: Arc::clone(service), ready: Mutex::new(ready) }
     }
 
-    /// The scene with edits, and the rows of a frame that are asked for, with a film of their own.
+    /// The scene with the spec's materials, and the rows of a frame that are asked for, with a film of their own.
     fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
-        let camera = ask.pose.camera(&self.camera, ask.size).map_err(|error| error.to_string())?;
-        let [width, height] = ask.size;
-        let settings = Settings::new(width, height).with_seed(ask.seed).with_spp(ask.spp);
-        let settings = settings.with_max_bounces(ask.max_bounces);
         let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
-        if ready.edits != ask.edits {
-            let scene = Edits::new(&ask.edits)?.of(&self.prepared.scene)?;
+        let spec = LiveSpec::of_tile(&ask.spec, &ask.shaders, &ready.spec)?;
+        let camera = spec.camera(&self.prepared.scene)?;
+        let settings = spec.spec().settings();
+        if !ready.spec.has_same_materials(&spec) {
+            let scene = spec.scene(&self.prepared.scene)?;
             let prepared = self.prepared.with_scene(scene).map_err(|error| error.to_string())?;
-            *ready = Ready { edits: ask.edits.clone(), prepared, path: None };
+            *ready = Ready { spec, prepared, path: None };
         }
         let is_right = |path: &PathTracer| *path.frame().settings() == settings;
         let path = match ready.path.take().filter(is_right) {
@@ -113,8 +104,6 @@ impl TileScene {
     /// Why it cannot be rendered.
     pub fn tile(&self, ask: &TileAsk, is_wanted: impl Fn() -> bool) -> Result<Option<Tile>, String> {
         let began = Instant::now();
-        let view = View::ALL.into_iter().find(|view| view.name() == ask.transform);
-        let view = view.ok_or_else(|| format!("{:?} is no view transform", ask.transform))?;
         let (prepared, path) = self.rows(ask)?;
         let path = Arc::new(path);
         let options = JobOptions::default().with_name("live tile").with_priority(Priority::Interactive);
@@ -128,7 +117,7 @@ impl TileScene {
         }
         job.wait().map_err(|error| error.to_string())?;
         let image = path.frame().develop(path.frame().film()).image;
-        let look = Look::default().with_view(view).with_exposure(Exposure::Stops(ask.stops));
+        let look = ask.spec.look.look();
         let light = if ask.is_metered { Light::of(&image) } else { Light::default() };
         let jpeg = Arc::new(jpeg_of(&image, &look)?);
         let seconds = began.elapsed().as_secs_f64();

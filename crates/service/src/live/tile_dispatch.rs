@@ -186,10 +186,11 @@ impl TileDispatch {
     /// Asks for the tiles of a frame. `ask` has all but view, frame, rows and time. Returns the frame's number.
     pub fn ask(&mut self, split: &Split, ask: &TileAsk, deadline: Instant) -> u64 {
         self.frame += 1;
-        if self.model.0 != ask.size[0] {
-            let grey = vec![128; (3 * STRIP_ROWS * ask.size[0]) as usize];
-            let model = strips::encode(&grey, [ask.size[0], STRIP_ROWS], encoder::MOVING_QUALITY);
-            self.model = (ask.size[0], model.unwrap_or_default());
+        let (width, _) = ask.spec.size;
+        if self.model.0 != width {
+            let grey = vec![128; (3 * STRIP_ROWS * width) as usize];
+            let model = strips::encode(&grey, [width, STRIP_ROWS], encoder::MOVING_QUALITY);
+            self.model = (width, model.unwrap_or_default());
         }
         for (address, rows) in &split.tiles {
             let Some(place) = self.members.iter().position(|member| member.address == *address) else {

@@ -43,8 +43,9 @@ impl Shared {
     /// A view with so many workers.
     fn new(workers: usize) -> Self {
         let view_scene = view_scene(1);
-        let view_scene = view_scene
-            .with_settings(raystream::render::Settings::new(96, 96).with_spp(1).with_max_bounces(2));
+        let mut spec = view_scene.spec.clone();
+        spec.size = (96, 96);
+        let view_scene = view_scene.with_spec(spec);
         let bus: Arc<dyn WorkBus> = Arc::new(LocalBus::default());
         let hand = || {
             let scene = TileScene::new(&view_scene.prepared, &view_scene.service);

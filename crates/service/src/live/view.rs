@@ -4,13 +4,10 @@ use super::encoder::{Encoder, table};
 use super::inbox::Inbox;
 use super::outbox::Outbox;
 use super::renderer::Renderer;
-use super::tile::first_camera;
 use super::{Frame, Reply, Request, TileWorkers};
 use raystream::engine::PreparedScene;
-use raystream::film::Look;
 use raystream::film::tev::Tev;
-use raystream::render::Settings;
-use raystream::scene::Camera;
+use raystream::picture::RenderSpec;
 use raystream::schedule::Service;
 use std::io;
 use std::sync::Arc;
@@ -26,12 +23,9 @@ pub struct ViewScene {
     pub prepared: Arc<PreparedScene>,
     /// The service that renders.
     pub service: Arc<Service>,
-    /// The first camera.
-    pub camera: Camera,
-    /// Size, samples and bounces of the full picture.
-    pub settings: Settings,
-    /// The look of radiance: how a picture shows it.
-    pub look: Look,
+    /// The full picture: its size, samples, bounces, seed, filter, look and first camera. The scene has its surfaces
+    /// already, so it has none.
+    pub spec: RenderSpec,
     /// Another viewer that shows the picture while the camera rests.
     pub(crate) viewer: Option<Arc<Tev>>,
     /// Workers that render rows of moving frames.
@@ -39,30 +33,16 @@ pub struct ViewScene {
 }
 
 impl ViewScene {
-    /// A scene seen by its own camera, or by one that frames it, at 1280×720 pixels with 256 samples.
+    /// A scene seen by its own or by one that frames it, at 1280×720 pixels with 256 samples.
     pub fn new(name: impl Into<String>, prepared: Arc<PreparedScene>, service: Arc<Service>) -> Self {
-        let settings = Settings::new(1280, 720).with_spp(256);
-        let camera = first_camera(&prepared);
-        Self {
-            name: name.into(),
-            camera,
-            settings,
-            look: Look::default(),
-            prepared,
-            service,
-            viewer: None,
-            tile_workers: None,
-        }
+        let mut spec = RenderSpec::default();
+        (spec.size, spec.stop.spp) = ((1280, 720), Some(256));
+        Self { name: name.into(), spec, prepared, service, viewer: None, tile_workers: None }
     }
 
-    /// The same with another first camera.
-    pub fn with_camera(self, camera: Camera) -> Self {
-        Self { camera, ..self }
-    }
-
-    /// The same with other settings.
-    pub fn with_settings(self, settings: Settings) -> Self {
-        Self { settings, ..self }
+    /// The same with another full picture.
+    pub fn with_spec(self, spec: RenderSpec) -> Self {
+        Self { spec, ..self }
     }
 
     /// The same, shown by another viewer, too.
@@ -70,14 +50,9 @@ impl ViewScene {
         Self { viewer, ..self }
     }
 
-    /// The same, with workers that render rows of moving frames. The settings' filter is a box then.
+    /// The same, with workers that render rows of moving frames. The spec's filter is a box then.
     pub(crate) fn with_workers(self, tile_workers: Option<TileWorkers>) -> Self {
         Self { tile_workers, ..self }
-    }
-
-    /// The same with another look.
-    pub fn with_look(self, look: Look) -> Self {
-        Self { look, ..self }
     }
 }
 
@@ -86,7 +61,7 @@ impl ViewScene {
 ///
 /// ```
 /// use raystream::engine::{PreparedScene, Units};
-/// use raystream::render::Settings;
+/// use raystream::picture::RenderSpec;
 /// use raystream::scene::recipe::Recipe;
 /// use raystream::schedule::{Service, ServiceOptions};
 /// use raystream_service::live::{LiveView, ViewScene};
@@ -96,7 +71,8 @@ impl ViewScene {
 ///     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ] }"#)?;
 /// let prepared = Arc::new(PreparedScene::new(recipe.build()?, &Units::cpu())?);
 /// let service = Arc::new(Service::new(ServiceOptions::default())?);
-/// let view_scene = ViewScene::new("sphere", prepared, service).with_settings(Settings::new(64, 36).with_spp(4));
+/// let spec: RenderSpec = serde_json::from_str(r#"{ "size": [64, 36], "spp": 4 }"#)?;
+/// let view_scene = ViewScene::new("sphere", prepared, service).with_spec(spec);
 ///
 /// let (wake, woken) = mpsc::channel();
 /// let view = LiveView::new(view_scene, move || {
@@ -126,9 +102,10 @@ impl LiveView {
     /// # Errors
     /// If the system gives no thread.
     pub fn new(view_scene: ViewScene, wake: impl Fn() + Send + Sync + 'static) -> io::Result<Self> {
-        table(view_scene.look.view());
+        let look = view_scene.spec.look.look();
+        table(look.view());
         let (inbox, outbox) = (Arc::new(Inbox::default()), Arc::new(Outbox::new(wake)));
-        let encoder = Encoder::start(view_scene.look, Arc::clone(&outbox))?;
+        let encoder = Encoder::start(look, Arc::clone(&outbox))?;
         let renderer = Renderer::new(view_scene, Arc::clone(&inbox), Arc::clone(&outbox), encoder);
         let thread = std::thread::Builder::new().name("live view".into()).spawn(move || renderer.run())?;
         Ok(Self { inbox, outbox, thread: Some(thread) })

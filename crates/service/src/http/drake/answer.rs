@@ -2,8 +2,7 @@
 
 use super::form::{Form, ImageType};
 use crate::backend::OpenJob;
-use crate::contract::Problem;
-use crate::contract::{self, refused};
+use crate::contract::{Problem, refused};
 use axum::http::{HeaderMap, StatusCode, header};
 use raystream::film::{LayerValues, Picture};
 use std::io::Cursor;
@@ -122,9 +121,8 @@ fn labels(picture: &Picture, open_job: &OpenJob) -> Result<Vec<[u8; 3]>, Problem
     let materials = &open_job.prepared().scene.materials;
     // The client has written these numbers from bytes.
     let byte = |share: f32| (share * 255.0).round() as u8;
-    let colours = materials
-        .iter()
-        .map(|material| contract::flat_colour(material).map(|colour| colour.to_array().map(byte)));
+    let colours =
+        materials.iter().map(|material| material.flat_colour().map(|colour| colour.to_array().map(byte)));
     let colours: Vec<Option<[u8; 3]>> = colours.collect();
     let of_pixel = |&id: &u32| match id {
         LayerValues::NO_ID => Ok(NOTHING),

@@ -87,7 +87,11 @@ fn view_scene(state: &State, scene: Option<String>) -> Result<ViewScene, Problem
         None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let service = Arc::clone(state.backend().service());
-    let view_scene = ViewScene::new(name, Arc::new(open_job.prepared().clone()), service);
+    let view_scene = ViewScene::new(name.clone(), Arc::new(open_job.prepared().clone()), service);
+    // As a job names it, or beside it on the disk.
+    let mut spec = view_scene.spec.clone();
+    spec.scene = Some(scene.clone().unwrap_or(name).into());
+    let view_scene = view_scene.with_spec(spec);
     // Workers fetch it as an upload.
     let upload = match scene {
         Some(sha256) => Some((sha256, None)),

@@ -90,6 +90,7 @@ export class Live {
     else if (type === "timeline") this.takeTimeline(content);
     else if (type === "picked") this.picked(content);
     else if (type === "shader") this.shaderAnswer(content);
+    else if (type === "spec") this.saveSpec(content);
     else if (type === "refused") this.notice(content.reason);
   }
 
@@ -284,10 +285,20 @@ export class Live {
   }
 
   save(file) {
-    const link = document.createElement("a");
     const type = file.kind === "png" ? "image/png" : "image/x-exr";
-    link.href = URL.createObjectURL(new Blob([file.bytes], { type }));
-    link.download = `raystream.${file.kind}`;
+    this.download(`raystream.${file.kind}`, type, file.bytes);
+  }
+
+  /** Saves the picture as data, and the shaders that it names. */
+  saveSpec({ spec, shaders }) {
+    this.download("raystream.json", "application/json", `${JSON.stringify(spec, null, 2)}\n`);
+    for (const [name, text] of Object.entries(shaders)) this.download(name, "text/plain", text);
+  }
+
+  download(name, type, content) {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([content], { type }));
+    link.download = name;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
@@ -352,6 +363,7 @@ export class Live {
     on("unit", "change", scheduling);
     on("save-png", "click", () => this.connection.send({ type: "save", format: "png" }));
     on("save-exr", "click", () => this.connection.send({ type: "save", format: "exr" }));
+    on("save-spec", "click", () => this.connection.send({ type: "spec" }));
     new ResizeObserver(() => {
       this.lists.draw();
       this.timeline.draw();

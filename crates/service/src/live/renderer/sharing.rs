@@ -6,7 +6,7 @@ use super::super::shared_frame::SharedFrame;
 use super::super::tile::{path_tracer, rows_of};
 use super::super::tile_dispatch::{Arrival, Arrived};
 use super::{FrameFlags, Renderer, Work};
-use crate::contract::{Pose, TileAsk};
+use crate::contract::TileAsk;
 use raystream::film::Exposure;
 use raystream::render::Settings;
 use raystream::schedule::JobReport;
@@ -16,26 +16,20 @@ impl Renderer {
     /// Asks workers for rows of the next moving frame. `None` if this process renders it alone: no worker is ready, or
     /// it is no picture of radiance, or its exposure is not known yet.
     pub(super) fn share(&mut self, began: Instant) -> Option<SharedFrame> {
-        let (size, filter) = (self.moving_size(), self.wanted.settings.filter);
-        let Settings { spp, max_bounces, seed, .. } = self.moving(size);
-        let is_plain = self.wanted.layer.is_none() && filter == Settings::new(1, 1).filter;
+        let size = self.moving_size();
+        let settings = self.moving(size);
+        let is_plain = self.layer().is_none() && settings.filter == Settings::new(1, 1).filter;
         let look = self.encoder.look_ahead().filter(|_| is_plain)?;
-        let Exposure::Stops(stops) = look.exposure() else { return None };
+        let Exposure::Stops(_) = look.exposure() else { return None };
         let tile_dispatch = self.tile_dispatch.as_mut()?;
         let split = tile_dispatch.split(size)?;
         let ask = TileAsk {
             view: 0,
             frame: 0,
-            pose: Pose::from(&self.wanted.camera),
-            edits: self.edits.list().clone(),
-            size,
+            spec: self.wanted.spec.tile(&settings, &look),
+            shaders: self.wanted.spec.texts().clone(),
             rows: 0..0,
-            spp,
-            max_bounces,
-            seed,
-            transform: look.view().name().into(),
-            stops,
-            is_metered: self.look.exposure() == Exposure::Auto,
+            is_metered: self.wanted.spec.spec().look.exposure == Exposure::Auto,
             budget_ms: 0,
         };
         let deadline = began + DEADLINE;

@@ -1,0 +1,14 @@
+"""Ray queries on triangle meshes: first hits, occlusion, all hits, counts, nearest points, distances.
+
+>>> import numpy as np
+>>> import raystream as rs
+>>> mesh = rs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+>>> rays = np.array([[0.25, 0.5, 2, 0, 0, -1], [5, 5, 2, 0, 0, -1]], np.float32)
+>>> mesh.cast(rays).t
+array([ 2., inf], dtype=float32)
+"""
+
+from . import rays
+from ._raystream import Hits, Mesh, Queries, World, __version__, simd
+
+__all__ = ["Hits", "Mesh", "Queries", "World", "__version__", "rays", "simd"]

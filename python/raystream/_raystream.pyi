@@ -1,0 +1,183 @@
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, SupportsFloat
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+simd: str
+
+_Floats = NDArray[np.float32]
+_Ints = NDArray[np.int32]
+_Bools = NDArray[np.bool_]
+_Rule = Literal["closed", "half-open"]
+_Want = str | Sequence[str]
+_Out = Mapping[str, NDArray[Any]] | Hits
+
+class Hits(Mapping[str, NDArray[Any]]):
+    t: _Floats
+    primitive: _Ints
+    instance: _Ints
+    uv: _Floats
+    normal: _Floats
+    shading_normal: _Floats
+    position: _Floats
+    position64: NDArray[np.float64]
+    attribute: _Floats
+    distance: _Floats
+    offsets: NDArray[np.int64]
+    ray: NDArray[np.int64]
+    def __init__(self, columns: dict[str, NDArray[Any]]) -> None: ...
+    def __getitem__(self, name: str, /) -> NDArray[Any]: ...
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[str]: ...
+    @property
+    def hit(self) -> _Bools: ...
+    def hash(self) -> str: ...
+
+class Queries:
+    def cast(
+        self,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        want: _Want | None = None,
+        rule: _Rule = "closed",
+        out: _Out | None = None,
+        threads: int | None = None,
+        check: bool = False,
+    ) -> Hits: ...
+    def occluded(
+        self,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        rule: _Rule = "closed",
+        out: _Bools | None = None,
+        threads: int | None = None,
+        check: bool = False,
+    ) -> _Bools: ...
+    def visible(
+        self,
+        a: ArrayLike,
+        b: ArrayLike,
+        *,
+        rule: _Rule = "closed",
+        out: _Bools | None = None,
+        threads: int | None = None,
+    ) -> _Bools: ...
+    def count(
+        self,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        rule: _Rule = "half-open",
+        out: _Ints | None = None,
+        threads: int | None = None,
+        check: bool = False,
+    ) -> _Ints: ...
+    def at_least(
+        self,
+        hits: int,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        rule: _Rule = "half-open",
+        out: _Bools | None = None,
+        threads: int | None = None,
+        check: bool = False,
+    ) -> _Bools: ...
+    def all_hits(
+        self,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        want: _Want | None = None,
+        max_hits: int | None = None,
+        rule: _Rule = "half-open",
+        threads: int | None = None,
+        check: bool = False,
+    ) -> Hits: ...
+    def sum_along(
+        self,
+        rays: ArrayLike,
+        directions: ArrayLike | None = None,
+        *,
+        t_min: ArrayLike | None = None,
+        t_max: ArrayLike | None = None,
+        attribute: ArrayLike | None = None,
+        rule: _Rule = "half-open",
+        out: _Floats | None = None,
+        threads: int | None = None,
+        check: bool = False,
+    ) -> _Floats: ...
+    def nearest(
+        self,
+        points: ArrayLike,
+        *,
+        max_distance: SupportsFloat = ...,
+        want: _Want | None = None,
+        out: _Out | None = None,
+        threads: int | None = None,
+    ) -> Hits: ...
+    def distance(
+        self, points: ArrayLike, *, out: _Floats | None = None, threads: int | None = None
+    ) -> _Floats: ...
+
+class Mesh(Queries):
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike | None = None,
+        attributes: ArrayLike | None = None,
+        *,
+        normals: ArrayLike | None = None,
+        threads: int | None = None,
+    ) -> None: ...
+    def refit(self, vertices: ArrayLike, *, threads: int | None = None) -> None: ...
+    def contains(
+        self,
+        points: ArrayLike,
+        *,
+        allow_open: bool = False,
+        out: _Bools | None = None,
+        threads: int | None = None,
+    ) -> _Bools: ...
+    def signed_distance(
+        self,
+        points: ArrayLike,
+        *,
+        allow_open: bool = False,
+        out: _Floats | None = None,
+        threads: int | None = None,
+    ) -> _Floats: ...
+    @property
+    def open_edges(self) -> int: ...
+    @property
+    def is_closed(self) -> bool: ...
+    @property
+    def vertices(self) -> NDArray[Any]: ...
+    @property
+    def faces(self) -> NDArray[np.uint32]: ...
+    @property
+    def attributes(self) -> _Floats | None: ...
+    @property
+    def normals(self) -> _Floats | None: ...
+    @property
+    def triangle_count(self) -> int: ...
+
+class World(Queries):
+    def __init__(self) -> None: ...
+    def __len__(self) -> int: ...
+    def add(self, mesh: Mesh, transform: ArrayLike | None = None) -> int: ...
+    def set_transforms(self, ids: ArrayLike, transforms: ArrayLike) -> None: ...

@@ -1,0 +1,273 @@
+//! Questions: arguments in, arrays out.
+
+use crate::answers::Hits;
+use crate::arrays::{array, check_memory, reserved};
+use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
+use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
+use crate::rays::{Floats, Rays, part_of, rays_of};
+use crate::threads::{FEW, FIRST_POINTS, FIRST_RAYS, Threads};
+use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::prelude::*;
+use raystream_rays::query::{self, HitLists, Points, RayQueries, Rule, WorldHit};
+
+/// An argument that may be left out.
+pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
+
+/// Arguments that all calls with rays have.
+pub struct RayCall<'a, 'py> {
+    pub rays: Rays<'py>,
+    pub rule: Rule,
+    pub out: Given<'a, 'py>,
+    pub threads: Option<usize>,
+}
+
+/// Arguments that all calls with points have.
+pub struct PointCall<'a, 'py> {
+    pub points: Floats<'py>,
+    pub out: Given<'a, 'py>,
+    pub threads: Option<usize>,
+}
+
+/// Reads the argument `rule`.
+///
+/// # Errors
+/// For an unknown name.
+pub fn rule(name: &str) -> PyResult<Rule> {
+    match name {
+        "closed" => Ok(Rule::Closed),
+        "half-open" => Ok(Rule::HalfOpen),
+        _ => Err(PyValueError::new_err(format!("rule is {name:?}; it must be \"closed\" or \"half-open\""))),
+    }
+}
+
+/// What is asked: a mesh or a world.
+pub type Asked<'a> = &'a (dyn RayQueries + Sync);
+
+impl<'py> RayCall<'_, 'py> {
+    /// The first hits of rays.
+    ///
+    /// # Errors
+    /// For wrong arguments, too little memory, and interrupts; so, too, below.
+    pub fn cast(&self, py: Python<'py>, asked: Asked<'_>, want: Want, mesh: OfMesh<'_>) -> PyResult<Hits> {
+        let (rays, rule) = (&self.rays, self.rule);
+        want.check_memory(rays.len())?;
+        let out = self.out.map(Out::new).transpose()?;
+        let mut memory = HitMemory::new(&want, out.as_ref(), rays.leading())?;
+        let (mut columns, all) = (memory.columns(mesh)?, rays.all()?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
+            let mut columns = first_hits(&mut columns, block.len());
+            asked.cast(&rays_of(&all, block), rule, &mut columns);
+            Ok(())
+        })?;
+        memory.into_hits(py, rays.leading())
+    }
+
+    /// One number of each ray, in blocks.
+    fn each<T: Number>(
+        &self,
+        py: Python<'py>,
+        ask: impl Fn(&query::Rays<'_>, Rule, &mut [T]) + Sync + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (rays, rule) = (&self.rays, self.rule);
+        check_memory("an answer", rays.len(), size_of::<T>())?;
+        let mut answer = single::<T>(self.out, rays.leading())?;
+        let (column, all) = (answer.slice_mut()?, rays.all()?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
+            ask(&rays_of(&all, block.clone()), rule, &mut column[block]);
+            Ok(())
+        })?;
+        answer.into_array(py, rays.leading(), 1)
+    }
+
+    /// For each ray, true if it hits anything.
+    pub fn occluded(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers| asked.cast_occluded(rays, rule, answers))
+    }
+
+    /// For each ray, true if it hits nothing.
+    pub fn free(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers: &mut [bool]| {
+            asked.cast_occluded(rays, rule, answers);
+            answers.iter_mut().for_each(|answer| *answer = !*answer);
+        })
+    }
+
+    /// The number of hits of each ray.
+    pub fn count(&self, py: Python<'py>, asked: Asked<'_>) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, counts: &mut [i32]| {
+            asked.count_hits(rays, rule, bytemuck::cast_slice_mut(counts));
+        })
+    }
+
+    /// For each ray, true if it has at least so many hits.
+    pub fn at_least(&self, py: Python<'py>, asked: Asked<'_>, count: u32) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, answers| asked.at_least(count, rays, rule, answers))
+    }
+
+    /// Sums of a number of each triangle over the hits of rays.
+    pub fn sum_along(
+        &self,
+        py: Python<'py>,
+        asked: Asked<'_>,
+        of_triangles: &[f32],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.each(py, |rays, rule, sums| asked.sum_along(of_triangles, rays, rule, sums))
+    }
+
+    /// All hits of rays, or so many of the nearest.
+    pub fn all_hits(
+        &self,
+        py: Python<'py>,
+        asked: Asked<'_>,
+        want: Want,
+        most: Option<usize>,
+    ) -> PyResult<Hits> {
+        let (rays, rule, most) = (&self.rays, self.rule, most.unwrap_or(usize::MAX));
+        check_memory("an answer", rays.len(), size_of::<i64>())?;
+        let (all, mut lists) = (rays.all()?, Lists::new(want, rays.len())?);
+        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
+            let first = block.start;
+            let found = asked.list_hits(&rays_of(&all, block), rule, most);
+            lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)
+        })?;
+        lists.into_hits(py)
+    }
+}
+
+/// All hits of all rays, as columns.
+struct Lists {
+    want: Want,
+    offsets: Vec<i64>,
+    ray: Vec<i64>,
+    t: Vec<f32>,
+    primitive: Vec<i32>,
+    instance: Vec<i32>,
+    uv: Vec<f32>,
+}
+
+impl Lists {
+    fn new(want: Want, rays: usize) -> PyResult<Self> {
+        let mut offsets = reserved(rays + 1)?;
+        offsets.push(0);
+        let (ray, t, primitive, instance, uv) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { want, offsets, ray, t, primitive, instance, uv })
+    }
+
+    /// Adds the hits of a block of rays.
+    fn add(&mut self, first: usize, found: &HitLists) -> PyResult<()> {
+        let (before, hits) = (self.ray.len(), &found.hits);
+        let bytes = self.want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
+        check_memory("the list of hits", before + hits.len(), bytes)?;
+        self.offsets.extend(found.offsets[1..].iter().map(|&offset| (before + offset) as i64));
+        for (ray, ends) in (first as i64..).zip(found.offsets.windows(2)) {
+            self.ray.extend(std::iter::repeat_n(ray, ends[1] - ends[0]));
+        }
+        fn column<T>(wanted: bool, column: &mut Vec<T>, hits: &[WorldHit], number: impl Fn(&WorldHit) -> T) {
+            if wanted {
+                column.extend(hits.iter().map(number));
+            }
+        }
+        column(self.want.has("t"), &mut self.t, hits, |hit| hit.t);
+        column(self.want.has("primitive"), &mut self.primitive, hits, |hit| hit.primitive.cast_signed());
+        column(self.want.has("instance"), &mut self.instance, hits, |hit| hit.instance.cast_signed());
+        if self.want.has("uv") {
+            self.uv.extend(hits.iter().flat_map(|hit| [hit.u, hit.v]));
+        }
+        Ok(())
+    }
+
+    fn into_hits(self, py: Python<'_>) -> PyResult<Hits> {
+        let (want, hits, rays) = (self.want, [self.ray.len()], [self.offsets.len()]);
+        let mut columns =
+            vec![("offsets", array(py, self.offsets, &rays, 1)?), ("ray", array(py, self.ray, &hits, 1)?)];
+        if want.has("t") {
+            columns.push(("t", array(py, self.t, &hits, 1)?));
+        }
+        if want.has("primitive") {
+            columns.push(("primitive", array(py, self.primitive, &hits, 1)?));
+        }
+        if want.has("instance") {
+            columns.push(("instance", array(py, self.instance, &hits, 1)?));
+        }
+        if want.has("uv") {
+            columns.push(("uv", array(py, self.uv, &hits, 2)?));
+        }
+        Ok(Hits::of(columns))
+    }
+}
+
+impl<'a, 'py> PointCall<'a, 'py> {
+    /// Reads the points.
+    ///
+    /// # Errors
+    /// For other shapes.
+    pub fn new(points: &Bound<'py, PyAny>, out: Given<'a, 'py>, threads: Option<usize>) -> PyResult<Self> {
+        Ok(Self { points: Floats::new(points, 3, "points")?, out, threads })
+    }
+
+    /// Points of the surface nearest to points.
+    pub fn nearest(&self, py: Python<'py>, asked: Asked<'_>, most: f32, want: Want) -> PyResult<Hits> {
+        let (leading, points) = (self.points.leading(3, "points")?, self.points.points()?);
+        want.check_memory(points.len())?;
+        let out = self.out.map(Out::new).transpose()?;
+        let mut memory = PointMemory::new(&want, out.as_ref(), &leading)?;
+        let mut columns = memory.columns()?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(
+            py,
+            points.len(),
+            FIRST_POINTS,
+            |block| {
+                let mut columns = first_points(&mut columns, block.len());
+                asked.nearest_points(&part_of(&points, block), most, &mut columns);
+                Ok(())
+            },
+        )?;
+        memory.into_hits(py, &leading)
+    }
+
+    /// One number of each point, in blocks.
+    pub fn each<T: Number>(
+        &self,
+        py: Python<'py>,
+        ask: impl Fn(&Points<'_>, &mut [T]) + Sync + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (leading, points) = (self.points.leading(3, "points")?, self.points.points()?);
+        check_memory("an answer", points.len(), size_of::<T>())?;
+        let mut answer = single::<T>(self.out, &leading)?;
+        let column = answer.slice_mut()?;
+        Threads::new(self.threads, points.len(), FEW)?.in_blocks(
+            py,
+            points.len(),
+            FIRST_POINTS,
+            |block| {
+                ask(&part_of(&points, block.clone()), &mut column[block]);
+                Ok(())
+            },
+        )?;
+        answer.into_array(py, &leading, 1)
+    }
+}
+
+/// The columns of first hits that an argument names, by default t and primitive.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_hits(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_HITS, &["t", "primitive"])
+}
+
+/// The columns of listed hits that an argument names, by default t and primitive.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_lists(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_LISTS, &["t", "primitive"])
+}
+
+/// The columns of nearest points that an argument names, by default distance, position, primitive and uv.
+///
+/// # Errors
+/// As for [`Want::new`].
+pub fn of_points(want: Given<'_, '_>) -> PyResult<Want> {
+    Want::or(want, OF_POINTS, &["distance", "position", "primitive", "uv"])
+}

@@ -1,0 +1,111 @@
+"""Documents against the package: examples in docstrings and pages run, stubs and the guide name all there is."""
+
+import ast
+import contextlib
+import doctest
+import importlib
+import importlib.metadata
+import inspect
+import io
+import re
+import unittest
+from pathlib import Path
+
+import raystream as rs
+
+PACKAGE = Path(rs.__file__).parent
+CHECKOUT = Path(__file__).resolve().parents[2]
+CLASSES = [rs.Hits, rs.Queries, rs.Mesh, rs.World]
+MODULES = ["raystream", "raystream.rays", "raystream.compat", "raystream.compat.open3d", "raystream.compat.embreex"]
+
+
+def public(owner):
+    """Names of a class's own members."""
+    return [name for name in vars(owner) if not name.startswith("_")]
+
+
+class Docstrings(unittest.TestCase):
+    def test_examples_in_docstrings_run(self):
+        finder, runner = doctest.DocTestFinder(recurse=True), doctest.DocTestRunner()
+        count = 0
+        for owner in [importlib.import_module(name) for name in MODULES]:
+            for test in finder.find(owner):
+                count += len(test.examples)
+                runner.run(test)
+        self.assertEqual(runner.failures, 0)
+        self.assertGreater(count, 30)
+
+    def test_everything_public_says_what_it_does(self):
+        for owner in CLASSES:
+            self.assertTrue(inspect.getdoc(owner), owner)
+            for name in public(owner):
+                self.assertTrue(inspect.getdoc(getattr(owner, name)), f"{owner.__name__}.{name}")
+        for name in rs.rays.__all__:
+            self.assertTrue(inspect.getdoc(getattr(rs.rays, name)))
+
+
+class Stubs(unittest.TestCase):
+    def setUp(self):
+        tree = ast.parse((PACKAGE / "_raystream.pyi").read_text())
+        self.classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+    def test_stubs_have_the_members_of_classes(self):
+        columns = {"t", "primitive", "instance", "uv", "normal", "shading_normal", "position", "position64"}
+        columns |= {"attribute", "distance", "offsets", "ray"}
+        mapping = {"keys", "values", "items"}
+        for owner in CLASSES:
+            body = self.classes[owner.__name__].body
+            stubbed = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+            stubbed = {name for name in stubbed if not name.startswith("_")}
+            self.assertEqual(stubbed, set(public(owner)) - (mapping if owner is rs.Hits else set()), owner)
+        named = {node.target.id for node in self.classes["Hits"].body if isinstance(node, ast.AnnAssign)}
+        self.assertEqual(named, columns)
+
+    def test_stubs_have_the_arguments_of_methods(self):
+        for owner in CLASSES:
+            for node in self.classes[owner.__name__].body:
+                if not isinstance(node, ast.FunctionDef) or node.decorator_list or node.name == "__init__":
+                    continue
+                found = inspect.signature(getattr(owner, node.name)).parameters
+                positional = [argument.arg for argument in node.args.posonlyargs + node.args.args]
+                keywords = [argument.arg for argument in node.args.kwonlyargs]
+                if node.name.startswith("__"):
+                    continue
+                self.assertEqual(positional + keywords, list(found), f"{owner.__name__}.{node.name}")
+                for name in keywords:
+                    self.assertEqual(found[name].kind, inspect.Parameter.KEYWORD_ONLY, name)
+
+    def test_the_package_is_typed_and_needs_numpy_alone(self):
+        self.assertTrue((PACKAGE / "py.typed").is_file())
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            required = importlib.metadata.requires("raystream") or []
+            needed = [name for name in required if "extra ==" not in name]
+            self.assertEqual([re.match(r"\w+", name)[0] for name in needed], ["numpy"])
+
+
+class Pages(unittest.TestCase):
+    PAGES = ["python/README.md", "docs/guide/python.md", "README.md"]
+
+    def test_programs_in_pages_run(self):
+        count = 0
+        for page in self.PAGES:
+            text = (CHECKOUT / page).read_text()
+            names = {}
+            for match in re.finditer(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+                program = "\n" * text[: match.start()].count("\n") + match[1]
+                with contextlib.redirect_stdout(io.StringIO()):
+                    exec(compile(program, page, "exec"), names)
+                count += 1
+        self.assertGreater(count, 4)
+
+    def test_the_guide_names_all_there_is(self):
+        text = (CHECKOUT / "docs/guide/python.md").read_text()
+        for owner in CLASSES:
+            for name in public(owner):
+                self.assertRegex(text, rf"`[^`]*\b{name}\b[^`]*`", f"{owner.__name__}.{name}")
+        for name in rs.rays.__all__:
+            self.assertIn(f"rays.{name}", text)
+
+
+if __name__ == "__main__":
+    unittest.main()
