@@ -75,7 +75,7 @@ pub(super) struct Effects {
     pub wake_all: bool,
     /// Jobs that have ended.
     pub ended: Vec<Ended>,
-    /// Answers of devices for which nobody waits any more.
+    /// Answers of devices for which no job waits any more.
     pub dropped: Vec<Box<dyn Resolve>>,
 }
 

@@ -56,7 +56,7 @@ impl View {
     }
 
     /// True if host threads would have traced one more stream before the device had traced its first bundle, which is
-    /// half done on average, or if nobody knows how late the device will be.
+    /// half done on average, or if it is not known how late the device will be.
     pub(super) fn hosts_are_sooner(&self, load: Load) -> bool {
         if self.device.resolving.rays == 0 {
             return true;

@@ -187,7 +187,7 @@ fn host_threads_take_streams_from_a_device_that_would_be_later() {
     // Two threads trace a stream of 1024 rays in half the time of one, the device 4096 in 4000 ns.
     assert_eq!(rule(paced(4000), BUSY), Some(Rule::Reclaim));
     assert_eq!(rule(paced(4100), BUSY), None);
-    // Nobody knows how late a device is that has not answered.
+    // How late a device is that has not answered is not known.
     assert_eq!(rule(waiting, BUSY), Some(Rule::Reclaim));
     assert_eq!(rule(View { with_device: 0, ..waiting }, BUSY), None);
     assert_eq!(rule(View { unit: Unit::Gpu, ..waiting }, BUSY), None);
