@@ -43,11 +43,6 @@ impl Metric {
             Self::Flip => "flip",
         }
     }
-
-    /// True if greater values are those of more similar pictures.
-    pub const fn is_similarity(self) -> bool {
-        matches!(self, Self::Psnr | Self::Ssim)
-    }
 }
 
 impl fmt::Display for Metric {

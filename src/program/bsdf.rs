@@ -5,6 +5,7 @@ use super::code::Register;
 use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
+use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::source::ShaderError;
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
@@ -170,18 +171,19 @@ impl BsdfShader {
     ) -> [Num<L>; N] {
         let Prepared { kernel, inputs, arguments: registers_of } = function;
         let l = at.lanes();
-        let registers = kernel.registers();
+        let columns = kernel.columns(CHUNK);
         if inputs.wanted != 0 {
-            at.write_to(inputs.wanted, &mut registers.sink(inputs, L::LANES));
+            at.write_to(inputs.wanted, &mut inputs.sink(&columns, L::LANES));
         }
         for &(argument, register) in registers_of {
-            registers.set(register, arguments[argument]);
+            columns.set_chunk(register, arguments[argument]);
         }
-        kernel.run_once(l, &self.file, &registers);
+        kernel.run(L::LANES, &self.file, &columns, L::LANES);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
-            *result = registers.get(l, register);
+            *result = columns.int(l, register, 0).to_num_bits();
         });
+        kernel.keep(columns);
         results
     }
 }

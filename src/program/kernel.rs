@@ -1,11 +1,11 @@
 //! Lowered functions with the columns that they run in.
 
 use super::code::Code;
-use super::once::Registers;
+use super::operation::CHUNK;
 use super::run::{Columns, run_alone};
 use super::source::{Fault, Source};
-use crate::lanes::{Lanes, SimdLevel, for_pairs};
-use crate::scene::{FieldType, POINT_FIELDS};
+use crate::lanes::{MAX_LANES, SimdLevel, for_pairs};
+use crate::scene::{FieldType, POINT_FIELDS, PointSink};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -62,23 +62,6 @@ impl Kernel {
         }
     }
 
-    /// Registers for the points of one vector.
-    #[inline(always)]
-    pub fn registers(&self) -> Registers {
-        Registers::of(&self.code)
-    }
-
-    /// Runs the function at the points of one vector.
-    ///
-    /// # Panics
-    /// When a loop takes too many turns.
-    #[inline(always)]
-    pub fn run_once<L: Lanes>(&self, l: L, file: &str, registers: &Registers) {
-        if let Err(endless) = registers.run(l, &self.code) {
-            endless_loop(file, endless.line);
-        }
-    }
-
     /// The fields of points that the function reads, if its first argument is a point, and the registers of the scalars
     /// of all arguments.
     pub fn inputs(&self) -> PointInputs {
@@ -99,6 +82,14 @@ impl Kernel {
     }
 }
 
+impl PointInputs {
+    /// Sink of the points of one vector of this many lanes, for a function that runs in `columns`.
+    #[inline(always)]
+    pub fn sink<'a>(&'a self, columns: &'a Columns, lanes: usize) -> impl PointSink {
+        PointWriter { columns, inputs: self, lanes }
+    }
+}
+
 #[cold]
 pub(super) fn endless_loop(file: &str, line: u32) -> ! {
     panic!("{file}:{line}: this loop takes too many turns; does it end at every point?");
@@ -111,6 +102,30 @@ pub(super) struct PointInputs {
     pub wanted: u64,
     /// The register of each scalar that is read, and whether it is a truth value.
     pub registers: Vec<Option<(u32, bool)>>,
+}
+
+/// Writes the scalars of the points of one vector into a program's columns. Points beyond the lanes are copies of those
+/// in lanes, so that a loop ends for them too.
+struct PointWriter<'a> {
+    columns: &'a Columns,
+    inputs: &'a PointInputs,
+    lanes: usize,
+}
+
+impl PointSink for PointWriter<'_> {
+    #[inline(always)]
+    fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]) {
+        let Some((register, is_truth)) = self.inputs.registers[scalar] else { return };
+        let cells = self.columns.column(register, CHUNK);
+        for point in 0..CHUNK {
+            let number = column[point % self.lanes];
+            cells[point].set(match is_truth {
+                true if number > 0.0 => u32::MAX,
+                true => 0,
+                false => number.to_bits(),
+            });
+        }
+    }
 }
 
 /// Writes numbers into a column, copies of the first beyond their end. Truth values become words of all bits or none.

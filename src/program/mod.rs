@@ -20,7 +20,6 @@ mod kernel;
 mod loaded;
 mod lower;
 mod native;
-mod once;
 mod operation;
 mod parameter;
 mod prelude;

@@ -4,8 +4,6 @@
 //! executor, so they cannot differ. Truth values are words: all bits or none. `docs/design/wgsl-arithmetic.md` says
 //! what the operations do with NaN, infinities, subnormals and out-of-range conversions.
 
-use super::code::Register;
-use super::once::Chunk;
 use crate::lanes::{for_pairs, for_pairs_mut};
 use std::cell::Cell;
 
@@ -257,41 +255,3 @@ macro_rules! chunk_bind {
 }
 
 with_operations!(chunks);
-
-/// A register of one chunk, found when it is read.
-#[derive(Clone, Copy)]
-struct Single<'a> {
-    registers: &'a [Chunk],
-    register: Register,
-}
-
-impl Single<'_> {
-    #[inline(always)]
-    fn chunk(self, _: usize) -> [u32; CHUNK] {
-        let mut words = [0; CHUNK];
-        for_pairs_mut(&mut words, &self.registers[self.register as usize], |word, cell| *word = cell.get());
-        words
-    }
-}
-
-macro_rules! once {
-    ($($name:ident($($operand:ident),*) $doc:literal => $meaning:expr;)*) => {
-        impl Operation {
-            /// The results of one chunk.
-            #[inline(always)]
-            #[allow(unused_variables, reason = "operations of fewer operands")]
-            pub(super) fn once(self, registers: &[Chunk], [a, b, c]: [Register; 3], to: Register) {
-                let single = |register| Single { registers, register };
-                let (from_a, from_b, from_c) = (single(a), single(b), single(c));
-                match self {
-                    $(Self::$name => {
-                        let (to, start) = (&registers[to as usize], 0);
-                        chunk_loop!(($($operand),*), (from_a, from_b, from_c), to, start, $meaning);
-                    })*
-                }
-            }
-        }
-    };
-}
-
-with_operations!(once);

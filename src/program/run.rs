@@ -68,6 +68,16 @@ impl Columns {
         &self.words[self.place(register).0..][..points]
     }
 
+    /// Sets the first chunk to the number of each lane. Points beyond the lanes are copies of those in lanes, so that a
+    /// loop ends for them too.
+    #[inline(always)]
+    pub(super) fn set_chunk<L: Lanes>(&self, register: Register, number: Num<L>) {
+        let (numbers, cells) = (number.to_array(), self.column(register, CHUNK));
+        for point in 0..CHUNK {
+            cells[point].set(numbers[point % L::LANES].to_bits());
+        }
+    }
+
     /// A register as operations read it.
     #[inline(always)]
     pub(super) fn operand(&self, register: Register, points: usize) -> Operand<'_> {
@@ -182,7 +192,7 @@ impl<'a> LaneTask for UntilHost<'a> {
 
 /// True if no point is in a mask.
 #[inline(always)]
-pub(super) fn is_empty(mask: &[Cell<u32>]) -> bool {
+fn is_empty(mask: &[Cell<u32>]) -> bool {
     let mut any = 0;
     for cell in mask {
         any |= cell.get();

@@ -5,10 +5,9 @@ use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
 use super::lower::Output;
-use super::once::Registers;
 use super::operation::CHUNK;
 use super::parameter::Parameter;
-use super::run::BLOCK;
+use super::run::{BLOCK, Columns};
 use super::source::{Fault, ShaderError};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
@@ -159,10 +158,12 @@ impl Procedural for PatternShader {
 
     #[inline(always)]
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
-        let registers = self.kernel.registers();
-        points.write_to(self.inputs.wanted, &mut registers.sink(&self.inputs, L::LANES));
-        self.kernel.run_once(points.lanes(), &self.file, &registers);
-        Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, registers: &registers })
+        let columns = self.kernel.columns(CHUNK);
+        points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns, L::LANES));
+        self.kernel.run(L::LANES, &self.file, &columns, L::LANES);
+        let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
+        self.kernel.keep(columns);
+        finish
     }
 }
 
@@ -206,17 +207,17 @@ impl PatternShader {
     }
 }
 
-/// Reads the scalars of a finish from a program's registers.
+/// Reads the scalars of a finish from a program's columns.
 struct Outputs<'a> {
     kernel: &'a Kernel,
-    registers: &'a Registers,
+    columns: &'a Columns,
 }
 
 impl FinishSource for Outputs<'_> {
     #[inline(always)]
     fn get(&self, scalar: usize, column: &mut [f32; MAX_LANES]) {
-        let from = self.registers.chunk(self.kernel.code.outputs[scalar]);
-        for_pairs_mut(column, from, |number, word| *number = f32::from_bits(word.get()));
+        let from = self.columns.operand(self.kernel.code.outputs[scalar], CHUNK);
+        for_pairs_mut(column, from.some(0, CHUNK), |number, word| *number = f32::from_bits(word.get()));
     }
 }
 

@@ -4,7 +4,6 @@ use super::policy::{DevicePace, Line, Pace};
 
 /// What a bundle with the device counts for.
 pub(super) struct BundleAccount {
-    pub paths: usize,
     pub submitted_ns: u64,
     /// Rays and shadow rays of this job that the device had before.
     pub ahead: u64,

@@ -1,17 +1,16 @@
 //! One job under the scheduler's lock: its lists and its account, behind a trait that hides the payload types.
 
 use super::device_account::{BundleAccount, DeviceAccount};
+use super::flights::{Answers, BundleId, Submitted};
 use super::limits::BUNDLE_STREAMS;
 use super::lists::{Lists, Waits, weight};
+use super::on_device::WithDevice;
 use super::policy::{Pace, PathLengths};
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
-use super::task::{Done, Flight, SharedJob, Task, TaskSlot};
-use super::{
-    JobError, JobOptions, Limits, Load, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy,
-};
-use crate::stream::{DeviceReport, Empty, RayStream, Untraced, paths};
-use std::collections::VecDeque;
+use super::task::{Done, SharedJob, Task, TaskSlot};
+use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
+use crate::stream::{DeviceReport, Empty, RayStream, Resolve, Untraced, drop_quietly, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -22,10 +21,20 @@ pub(super) trait Job: Send {
     fn view(&self) -> View;
     /// Takes a task out of the lists and puts it into the thread's slot; returns about how many rays the task has.
     /// The view must allow the rule.
-    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize, load: Load) -> u64;
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64;
     /// Takes the finished task out of the thread's slot and returns its streams to the lists. Times count from the
-    /// start of the service.
-    fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64);
+    /// start of the service. The bundle that the task has submitted has the number `next`.
+    fn finish(&mut self, thread: usize, next: BundleId, times: (u64, u64)) -> Option<Submitted>;
+    /// The device thread has waited for a bundle of the job.
+    fn count_wait(&mut self, thread: usize, ns: u64);
+    /// A device has traced a bundle of the job, or failed to. Returns answers that are to be dropped without the lock.
+    fn end_bundle(
+        &mut self,
+        thread: usize,
+        id: BundleId,
+        answers: Answers,
+        end_ns: u64,
+    ) -> Vec<Box<dyn Resolve>>;
     /// Spawns no more tiles.
     fn stop(&mut self);
     /// Starts no more tasks; the job's outcome is this error, or an earlier one.
@@ -68,7 +77,7 @@ impl TaskAccount {
             Rule::Shade => Some(TaskKind::Shade),
             Rule::Trace | Rule::Flush => Some(TaskKind::Trace),
             Rule::Resolve => Some(TaskKind::Resolve),
-            Rule::Submit | Rule::Wait => None,
+            Rule::Submit | Rule::Reclaim => None,
         }
     }
 }
@@ -95,14 +104,10 @@ pub(super) struct TypedJob<R: Renderer> {
     shading: Pace,
     /// Rays shaded, without shadow rays.
     steps_shaded: u64,
-    /// Bundles with the device that no thread waits for, the first one first.
-    flights: VecDeque<Submitted<R::Payload, R::ShadowPayload>>,
-    /// Bundles with the device, and their rays.
-    on_device: (usize, u64),
-    /// Streams that the device thread has.
-    with_device_thread: usize,
-    /// The bundle that it waits for.
-    waited: Option<BundleAccount>,
+    /// Bundles with a device.
+    with_device: WithDevice<R::Payload, R::ShadowPayload>,
+    /// Streams, and rays and shadow rays, of the bundle that is being submitted.
+    submitting: (usize, u64),
     device: DeviceAccount,
     progress: Progress,
     report: JobReport,
@@ -134,10 +139,8 @@ impl<R: Renderer> TypedJob<R> {
             trace_ns: 0,
             shading: Pace::default(),
             steps_shaded: 0,
-            flights: VecDeque::new(),
-            on_device: (0, 0),
-            with_device_thread: 0,
-            waited: None,
+            with_device: WithDevice::new(),
+            submitting: (0, 0),
             device: DeviceAccount::default(),
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
@@ -194,7 +197,6 @@ impl<R: Renderer> TypedJob<R> {
         thread: usize,
         rule: Rule,
         size: TaskSize,
-        load: Load,
     ) -> (Task<R::Payload, R::ShadowPayload>, TaskAccount) {
         match rule {
             Rule::Spawn => {
@@ -241,17 +243,14 @@ impl<R: Renderer> TypedJob<R> {
                 let (bundle, full_ns): (Vec<_>, Vec<_>) = bundle.into_iter().unzip();
                 let paths = bundle.iter().map(|stream| self.paths(stream)).sum();
                 let rays = bundle.iter().map(|stream| weight(stream) as u64).sum();
-                self.on_device = (self.on_device.0 + 1, self.on_device.1 + rays);
                 self.device.full_ns = full_ns;
-                self.with_device_thread = bundle.len();
+                self.submitting = (bundle.len(), rays);
                 (Task::Submit(bundle), TaskAccount::new(rule, paths, rays))
             }
-            Rule::Wait => {
-                let (flight, bundle) = self.flights.pop_front().expect("the device has a bundle");
-                let task = TaskAccount::new(rule, bundle.paths, flight.rays);
-                self.with_device_thread = flight.streams.len();
-                self.waited = Some(bundle);
-                (Task::Wait(flight, policy::wait_time(load)), task)
+            Rule::Reclaim => {
+                let stream = self.with_device.take_back().expect("a device has a stream");
+                let (paths, rays) = (self.paths(&stream), weight(&stream) as u64);
+                (Task::Reclaim(stream), TaskAccount::new(rule, paths, rays))
             }
         }
     }
@@ -326,35 +325,12 @@ impl<R: Renderer> TypedJob<R> {
                 self.lose_device(&reason);
                 0
             }
-            Done::Submitted(flight) => {
-                let bundle = BundleAccount {
-                    paths: account.paths,
-                    submitted_ns: end_ns,
-                    ahead: self.on_device.1 - account.rays,
-                    full_ns: std::mem::take(&mut self.device.full_ns),
-                };
-                self.flights.push_back((flight, bundle));
+            Done::Reclaimed(stream) => {
+                self.lists.put_back_reclaimed(stream);
                 account.rays
             }
-            Done::Waited(flight) => {
-                let bundle = self.waited.take().expect("a bundle is waited for");
-                self.flights.push_front((flight, bundle));
-                0
-            }
-            Done::Answered(streams) => {
-                let bundle = self.waited.take().expect("a bundle is waited for");
-                self.on_device = (self.on_device.0 - 1, self.on_device.1 - account.rays);
-                self.count_bundle(account.rays, &bundle, thread, end_ns);
-                let submitted_ns = bundle.submitted_ns;
-                for (stream, full_ns) in streams.into_iter().zip(bundle.full_ns) {
-                    let waited_ns = full_ns.map_or(0, |full_ns| submitted_ns.saturating_sub(full_ns));
-                    self.lists.put_back_answered(stream, [waited_ns, end_ns - submitted_ns]);
-                }
-                0
-            }
-            Done::Untraced { streams, reason } => {
-                self.waited = None;
-                self.on_device = (self.on_device.0 - 1, self.on_device.1 - account.rays);
+            Done::Refused { streams, reason } => {
+                self.submitting = (0, 0);
                 for stream in streams {
                     self.lists.put_back_untraced(stream, (thread, end_ns));
                 }
@@ -403,9 +379,6 @@ impl<R: Renderer> TypedJob<R> {
     }
 }
 
-/// A bundle and its account.
-type Submitted<P, S> = (Flight<P, S>, BundleAccount);
-
 impl<R: Renderer> Job for TypedJob<R> {
     fn view(&self) -> View {
         View {
@@ -422,14 +395,15 @@ impl<R: Renderer> Job for TypedJob<R> {
             slot: self.lists.slot(),
             answered: self.lists.answered(),
             shade: self.lists.shade(),
-            tasks: self.tasks + self.flights.len(),
+            tasks: self.tasks + self.with_device.bundles(),
             cpu: self.tracing(),
             shading: self.shading,
             device: self.device.view(),
             bundle_rays: self.limits().bundle_rays,
-            on_device: self.on_device.0,
-            on_device_rays: self.on_device.1,
-            waits_since_ns: self.flights.front().map(|(_, bundle)| bundle.submitted_ns),
+            on_device: self.with_device.bundles() + usize::from(self.submitting.0 > 0),
+            on_device_rays: self.with_device.rays() + self.submitting.1,
+            with_device: self.with_device.streams(),
+            failed: self.with_device.failed(),
             paths_left: self.paths_left(),
             lengths: PathLengths {
                 shaded: self.steps_shaded,
@@ -440,18 +414,18 @@ impl<R: Renderer> Job for TypedJob<R> {
         }
     }
 
-    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize, load: Load) -> u64 {
-        let (task, account) = self.take(thread, rule, size, load);
+    fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64 {
+        let (task, account) = self.take(thread, rule, size);
         assert!(self.in_flight <= self.limits().in_flight, "no more than N paths are in flight");
         self.report.max_in_flight = self.report.max_in_flight.max(self.in_flight);
         self.tasks += 1;
         let former = self.accounts[thread].replace(account);
         assert!(former.is_none(), "a thread has one task at a time");
         self.shared.swap_slot(thread, TaskSlot::Task(task));
-        if rule == Rule::Wait { 0 } else { account.rays.max(account.paths as u64) }
+        account.rays.max(account.paths as u64)
     }
 
-    fn finish(&mut self, thread: usize, start_ns: u64, end_ns: u64) {
+    fn finish(&mut self, thread: usize, next: BundleId, (start_ns, end_ns): (u64, u64)) -> Option<Submitted> {
         let account = self.accounts[thread].take().expect("a thread finishes what it has started");
         let done = match self.shared.swap_slot(thread, TaskSlot::Empty) {
             TaskSlot::Done(done) => done,
@@ -460,7 +434,18 @@ impl<R: Renderer> Job for TypedJob<R> {
         self.tasks -= 1;
         let ns = end_ns - start_ns;
         self.busy_ns[thread] += ns;
-        let rays = self.put_back(account, done, thread, end_ns);
+        let (mut submitted, mut rays) = (None, account.rays);
+        match done {
+            Done::Submitted { streams, ticket } => {
+                submitted = Some(Submitted { ticket, streams: streams.len() });
+                let ahead = self.with_device.rays();
+                let full_ns = std::mem::take(&mut self.device.full_ns);
+                self.submitting = (0, 0);
+                let bundle = BundleAccount { submitted_ns: end_ns, ahead, full_ns };
+                self.with_device.push(next, streams, bundle);
+            }
+            done => rays = self.put_back(account, done, thread, end_ns),
+        }
         match account.rule {
             Rule::Trace | Rule::Flush => self.trace_ns += ns,
             Rule::Shade => self.shading += Pace { rays, ns },
@@ -469,11 +454,36 @@ impl<R: Renderer> Job for TypedJob<R> {
                 self.device.submitted += 1;
                 self.device.submitting_ns += ns;
             }
-            Rule::Spawn | Rule::Wait => {}
+            Rule::Spawn | Rule::Reclaim => {}
         }
         if let Some(kind) = account.kind() {
             self.record(thread, kind, rays, (start_ns, end_ns));
         }
+        submitted
+    }
+
+    fn count_wait(&mut self, thread: usize, ns: u64) {
+        self.busy_ns[thread] += ns;
+    }
+
+    fn end_bundle(
+        &mut self,
+        thread: usize,
+        id: BundleId,
+        answers: Answers,
+        end_ns: u64,
+    ) -> Vec<Box<dyn Resolve>> {
+        let traced = self.with_device.end(id, answers);
+        match traced.failed {
+            Some(reason) => self.lose_device(&reason),
+            None => self.count_bundle(traced.rays, &traced.account, thread, end_ns),
+        }
+        let submitted_ns = traced.account.submitted_ns;
+        for (stream, full_ns) in traced.streams {
+            let waited_ns = full_ns.map_or(0, |full_ns| submitted_ns.saturating_sub(full_ns));
+            self.lists.put_back_answered(stream, [waited_ns, end_ns - submitted_ns]);
+        }
+        traced.left_over
     }
 
     fn stop(&mut self) {
@@ -491,9 +501,7 @@ impl<R: Renderer> Job for TypedJob<R> {
     }
 
     fn is_over(&self) -> bool {
-        self.tasks == 0
-            && self.flights.is_empty()
-            && (self.ended.is_some() || (self.all_spawned() && self.in_flight == 0))
+        self.tasks == 0 && (self.ended.is_some() || (self.all_spawned() && self.in_flight == 0))
     }
 
     fn progress(&self) -> Progress {
@@ -538,7 +546,10 @@ impl<R: Renderer> Job for TypedJob<R> {
     }
 
     fn retire(self: Box<Self>, pool: &Pool) {
-        pool.give(self.lists.into_empty());
+        let Self { lists, with_device, .. } = *self;
+        // A device may still have shares of these.
+        drop_quietly(with_device);
+        pool.give(lists.into_empty());
     }
 
     #[cfg(test)]
@@ -550,19 +561,15 @@ impl<R: Renderer> Job for TypedJob<R> {
             return;
         }
         let with_tasks: usize = self.accounts.iter().flatten().map(|account| account.paths).sum();
-        let with_device: usize = self.flights.iter().map(|(_, bundle)| bundle.paths).sum();
+        let with_device = self.with_device.paths(self.limits().shadow_rays_per_path);
         let with_threads = self.accounts.iter().flatten().map(|account| match account.rule {
             Rule::Shade => 2,
-            Rule::Spawn | Rule::Resolve => 1,
-            Rule::Submit | Rule::Wait => self.with_device_thread,
+            Rule::Spawn | Rule::Resolve | Rule::Reclaim => 1,
+            Rule::Submit => self.submitting.0,
             Rule::Trace | Rule::Flush => 0,
         });
-        let on_device: usize = self.flights.iter().map(|(flight, _)| flight.streams.len()).sum();
-        let out = with_threads.sum::<usize>() + on_device;
+        let out = with_threads.sum::<usize>() + self.with_device.streams() + self.with_device.failed();
         assert_eq!(streams + out, self.lists.made(), "streams are conserved");
         assert_eq!(in_lists + with_tasks + with_device, self.in_flight, "paths are conserved");
-        let flights =
-            self.flights.len() + self.accounts.iter().flatten().filter(|a| a.kind().is_none()).count();
-        assert_eq!(self.on_device.0, flights, "bundles are counted");
     }
 }

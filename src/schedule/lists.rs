@@ -17,6 +17,8 @@ pub(super) struct Lists<P, S> {
     trace_rays: usize,
     /// The job slot: the stream whose chunks are being handed out to host threads.
     slot: Option<RayStream<Tracing, P, S>>,
+    /// Streams that host threads have taken from a device, and that follow the one in the job slot.
+    reclaimed: Vec<RayStream<Full, P, S>>,
     /// Streams whose chunks have all been handed out. A host thread has a chunk of each.
     handed_out: Vec<RayStream<Tracing, P, S>>,
     /// Streams that the device has traced and that are not resolved.
@@ -70,6 +72,7 @@ impl<P, S> Lists<P, S> {
             trace: VecDeque::with_capacity(limits.streams),
             trace_rays: 0,
             slot: None,
+            reclaimed: Vec::with_capacity(limits.streams),
             handed_out: Vec::with_capacity(limits.streams),
             answered: VecDeque::with_capacity(limits.streams),
             shade: Vec::with_capacity(limits.streams),
@@ -86,8 +89,9 @@ impl<P, S> Lists<P, S> {
         self.trace.len()
     }
 
+    /// True if the job slot has a stream, or will have one at once.
     pub fn slot(&self) -> bool {
-        self.slot.is_some()
+        self.slot.is_some() || !self.reclaimed.is_empty()
     }
 
     pub fn answered(&self) -> usize {
@@ -107,9 +111,10 @@ impl<P, S> Lists<P, S> {
         self.trace_rays
     }
 
-    /// Rays and shadow rays in TRACE and in the job slot.
+    /// Rays and shadow rays in TRACE, in the job slot and in what follows it.
     pub fn rays_to_trace(&self) -> usize {
-        self.trace_rays + self.slot.as_ref().map_or(0, RayStream::left)
+        let reclaimed: usize = self.reclaimed.iter().map(weight).sum();
+        self.trace_rays + self.slot.as_ref().map_or(0, RayStream::left) + reclaimed
     }
 
     /// Rays and shadow rays in the fullest stream of NEEDMORE.
@@ -171,13 +176,14 @@ impl<P, S> Lists<P, S> {
         }
     }
 
-    /// A chunk of at most `most` rays of the stream in the job slot. An empty slot is filled from TRACE, or else from
-    /// NEEDMORE.
+    /// A chunk of at most `most` rays of the stream in the job slot. An empty slot is filled with what has been taken
+    /// from a device, or else from TRACE, or else from NEEDMORE.
     ///
     /// # Panics
-    /// If all three are empty.
+    /// If all of these are empty.
     pub fn next_chunk(&mut self, most: usize, thread: usize) -> Chunk {
-        let mut slot = self.slot.take().unwrap_or_else(|| {
+        let reclaimed = self.slot.take().or_else(|| self.reclaimed.pop().map(RayStream::open));
+        let mut slot = reclaimed.unwrap_or_else(|| {
             let own = self.trace.iter().rposition(|waiting| waiting.thread == thread);
             let newest = own.or(self.trace.len().checked_sub(1)).and_then(|index| self.trace.remove(index));
             let newest = newest.map(|waiting| waiting.stream);
@@ -260,6 +266,11 @@ impl<P, S> Lists<P, S> {
         self.trace.push_front(Waiting { stream, thread, since_ns: now_ns });
     }
 
+    /// Puts a stream back that a host thread has taken from a device: host threads trace it.
+    pub fn put_back_reclaimed(&mut self, stream: RayStream<Full, P, S>) {
+        self.reclaimed.push(stream);
+    }
+
     fn flush(&mut self, thread: usize) -> Option<RayStream<Full, P, S>> {
         self.take_fullest(thread).map(RayStream::seal)
     }
@@ -272,10 +283,11 @@ impl<P, S> Lists<P, S> {
 
     /// All streams of the lists, emptied.
     pub fn into_empty(self) -> Vec<RayStream<Empty, P, S>> {
-        let Self { empty, need_more, trace, slot, handed_out, answered, shade, begun, .. } = self;
+        let Self { empty, need_more, trace, slot, reclaimed, handed_out, answered, shade, begun, .. } = self;
         let mut empty: Vec<_> = empty.into_iter().map(|used| used.stream).collect();
         empty.extend(need_more.into_iter().map(|used| used.stream.discard()));
         empty.extend(trace.into_iter().map(|waiting| waiting.stream.discard()));
+        empty.extend(reclaimed.into_iter().map(RayStream::discard));
         empty.extend(slot.into_iter().chain(handed_out).map(RayStream::discard));
         empty.extend(answered.into_iter().map(|(stream, _)| stream.discard()));
         empty.extend(shade.into_iter().chain(begun).map(|used| used.stream.discard()));
@@ -290,6 +302,7 @@ impl<P, S> Lists<P, S> {
         sizes.extend(self.need_more.iter().map(|s| weigh(s.stream.rays(), s.stream.shadow_rays())));
         sizes.extend(self.trace.iter().map(|w| weigh(w.stream.rays(), w.stream.shadow_rays())));
         sizes.extend(self.slot.iter().chain(&self.handed_out).map(|s| weigh(s.rays(), s.shadow_rays())));
+        sizes.extend(self.reclaimed.iter().map(|s| weigh(s.rays(), s.shadow_rays())));
         sizes.extend(self.answered.iter().map(|(s, _)| weigh(s.rays(), s.shadow_rays())));
         let traced = self.shade.iter().chain(&self.begun);
         sizes.extend(traced.map(|s| weigh(s.stream.rays_left(), s.stream.shadow_rays_left())));

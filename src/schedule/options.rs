@@ -132,7 +132,7 @@ pub struct JobOptions {
     /// True if streams become full earlier at the tail, so that the last ones keep all host threads busy. Turned off
     /// only to measure the gain.
     pub shrink_streams: bool,
-    /// The order of the rules. Default: RA's for the unit, [`Policy::of`].
+    /// The order of the rules, and what the device is given. Default: [`Policy::of`] the unit.
     pub policy: Option<Policy>,
     /// True if the report gets a record of every task.
     pub timeline: bool,
@@ -197,7 +197,7 @@ impl JobOptions {
         Self { shrink_streams, ..self }
     }
 
-    /// Sets [`Self::policy`]; `None` is RA's for the unit.
+    /// Sets [`Self::policy`]; `None` is [`Policy::of`] the unit.
     pub fn with_policy(self, policy: impl Into<Option<Policy>>) -> Self {
         Self { policy: policy.into(), ..self }
     }

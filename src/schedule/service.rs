@@ -314,7 +314,8 @@ impl Inner {
     /// Wakes threads; drops the renderers of jobs that have ended, then delivers the results. Called without the lock,
     /// since a renderer's `Drop` may use the service.
     fn apply(&self, effects: Effects) {
-        let Effects { wake, wake_all, ended } = effects;
+        let Effects { wake, wake_all, ended, dropped } = effects;
+        dropped.into_iter().for_each(drop_quietly);
         if wake_all {
             // Only when the service closes, which needs no worker to take a seat.
             self.wakers.iter().for_each(Condvar::notify_one);

@@ -1,11 +1,13 @@
 //! The scheduler as a state machine: all jobs and all threads, without lock or clock. The service's threads drive it
 //! under one mutex (`service.rs`), the simulator drives it from one thread (`tests/simulator.rs`).
 
+use super::flights::Flights;
 use super::head_start::HeadStarts;
 use super::job::Job;
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
 use super::{Choice, JobError, Load, Priority, Rule, ServiceOptions, Sharing, TaskSize, Turn, policy};
+use crate::stream::Resolve;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -73,6 +75,8 @@ pub(super) struct Effects {
     pub wake_all: bool,
     /// Jobs that have ended.
     pub ended: Vec<Ended>,
+    /// Answers of devices for which no job waits any more.
+    pub dropped: Vec<Box<dyn Resolve>>,
 }
 
 /// A job that has left the state. Dropping it runs the renderer's own code.
@@ -109,7 +113,24 @@ struct Thread {
 #[derive(Clone, Copy)]
 struct Running {
     job: JobId,
+    kind: RunningKind,
     start_ns: u64,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum RunningKind {
+    /// A task of the job.
+    Task(Rule),
+    /// The device thread waits for a bundle of the job, which may have left.
+    Wait,
+}
+
+/// What a thread does next.
+#[derive(Clone, Copy)]
+enum Chosen {
+    Task(Choice),
+    /// Waits for the bundle that was submitted first.
+    Wait,
 }
 
 pub(super) struct State {
@@ -129,6 +150,7 @@ pub(super) struct State {
     jobs: Vec<Admitted>,
     /// The turns of `jobs`, in the same order.
     turns: Vec<Turn>,
+    flights: Flights,
     /// In the order of submission.
     waiting: VecDeque<Admitted>,
     next_id: u64,
@@ -155,6 +177,7 @@ impl State {
             clients: 0,
             jobs: Vec::with_capacity(max_jobs),
             turns: Vec::with_capacity(max_jobs),
+            flights: Flights::default(),
             waiting: VecDeque::new(),
             next_id: 0,
             closing: false,
@@ -262,9 +285,9 @@ impl State {
             self.waking[kind] -= 1;
         }
         // The device thread of a service that closes waits for the bundles that are with devices.
-        let choice = self.choose(kind).filter(|choice| !self.closing || choice.rule == Rule::Wait);
-        let next = if let Some(choice) = choice {
-            Next::Work(self.start(thread, choice, now_ns))
+        let choice = self.choose(kind).filter(|chosen| !self.closing || matches!(chosen, Chosen::Wait));
+        let next = if let Some(chosen) = choice {
+            Next::Work(self.start(thread, chosen, now_ns))
         } else if self.closing {
             Next::Exit
         } else {
@@ -304,25 +327,60 @@ impl State {
         self.threads[thread].asleep_ns.is_some()
     }
 
-    fn start(&mut self, thread: usize, choice: Choice, now_ns: u64) -> Arc<dyn Work> {
-        let (size, load) = (self.task_size(), self.load());
+    fn start(&mut self, thread: usize, chosen: Chosen, now_ns: u64) -> Arc<dyn Work> {
+        let (job, kind, work) = match chosen {
+            Chosen::Task(choice) => {
+                let (job, work) = self.start_task(thread, choice);
+                (job, RunningKind::Task(choice.rule), work)
+            }
+            Chosen::Wait => {
+                let (job, work) = self.flights.start_wait(self.flights.len());
+                (job, RunningKind::Wait, work)
+            }
+        };
+        self.threads[thread].task = Some(Running { job, kind, start_ns: now_ns });
+        work
+    }
+
+    fn start_task(&mut self, thread: usize, choice: Choice) -> (JobId, Arc<dyn Work>) {
+        let size = self.task_size();
         let job = &mut self.jobs[choice.job];
-        let rays = job.submission.job.start(thread, choice.rule, size, load);
+        let rays = job.submission.job.start(thread, choice.rule, size);
         let (id, work) = (job.id, Arc::clone(&job.submission.work));
-        self.threads[thread].task = Some(Running { job: id, start_ns: now_ns });
         let served = &mut self.turns[choice.job].served;
         self.head_starts.count(rays, job.own_turn.saturating_sub(*served).min(rays));
         *served += rays;
         self.refresh_view(choice.job);
-        work
+        (id, work)
     }
 
     /// A thread has done its task; it calls [`State::next`] before it releases the lock.
     pub fn finish(&mut self, thread: usize, now_ns: u64) {
         let task = self.threads[thread].task.take().expect("a thread finishes what it has started");
+        if task.kind == RunningKind::Wait {
+            self.finish_wait(thread, (task.start_ns, now_ns));
+            return;
+        }
         let index = self.index(task.job).expect("a job stays until its tasks are done");
-        self.jobs[index].submission.job.finish(thread, task.start_ns, now_ns);
+        let job = &mut self.jobs[index].submission.job;
+        if let Some(bundle) = job.finish(thread, self.flights.next_id(), (task.start_ns, now_ns)) {
+            self.flights.push(task.job, bundle);
+        }
         self.after_change(index, now_ns);
+    }
+
+    fn finish_wait(&mut self, thread: usize, (start_ns, now_ns): (u64, u64)) {
+        let (bundle, job, answers) = self.flights.finish_wait();
+        let Some(index) = self.index(job) else {
+            self.effects.dropped.extend(answers.into_iter().flat_map(Result::unwrap_or_default));
+            return;
+        };
+        let job = &mut self.jobs[index].submission.job;
+        job.count_wait(thread, now_ns - start_ns);
+        if let Some(answers) = answers {
+            self.effects.dropped.extend(job.end_bundle(thread, bundle, answers, now_ns));
+            self.after_change(index, now_ns);
+        }
     }
 
     /// What the caller has to do now that the state has changed; to be taken after every call, under the lock.
@@ -335,8 +393,10 @@ impl State {
     }
 
     fn load(&self) -> Load {
-        let queued = self.turns.iter().map(|turn| turn.view.on_device).sum();
-        Load { hosts: self.hosts, queued }
+        let submits =
+            |thread: &&Thread| thread.task.is_some_and(|task| task.kind == RunningKind::Task(Rule::Submit));
+        let submitting = self.threads[self.hosts..].iter().filter(submits).count();
+        Load { hosts: self.hosts, queued: self.flights.len() + submitting }
     }
 
     /// Tasks are small while an interactive client is registered or an interactive job runs.
@@ -346,12 +406,12 @@ impl State {
         if is_small { TaskSize::Small } else { TaskSize::Large }
     }
 
-    fn choose(&self, kind: usize) -> Option<Choice> {
+    fn choose(&self, kind: usize) -> Option<Chosen> {
         if kind == ThreadKind::Host as usize {
-            policy::choose(&self.turns, self.load(), self.sharing)
-        } else {
-            policy::choose_device(&self.turns, self.load(), self.sharing)
+            return policy::choose(&self.turns, self.load(), self.sharing).map(Chosen::Task);
         }
+        let bundle = policy::choose_bundle(&self.turns, self.load(), self.sharing).map(Chosen::Task);
+        bundle.or_else(|| self.flights.may_be_waited_for().then_some(Chosen::Wait))
     }
 
     /// Wakes one thread of each kind that has work, unless a thread of the kind is waking already. The woken thread

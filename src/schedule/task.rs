@@ -1,15 +1,13 @@
 //! What a thread does between two visits to the lists, without the lock.
 
-use super::lists::weight;
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, Filling, Full, OnDevice, RayStream, StreamAppender, Ticket,
-    Traced, TracedChunk, TracedRays, Untraced, catching, drop_quietly, panic_message, paths,
+    Traced, TracedChunk, TracedRays, Untraced, catching, panic_message, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 /// A task and its streams.
 pub(super) enum Task<P, S> {
@@ -27,8 +25,8 @@ pub(super) enum Task<P, S> {
     Trace(Chunk),
     Resolve(RayStream<Answered, P, S>),
     Submit(Vec<RayStream<Full, P, S>>),
-    /// Ends when the device has traced the bundle, or after this time.
-    Wait(Flight<P, S>, Duration),
+    /// Takes a stream from a device, whatever the device does.
+    Reclaim(RayStream<OnDevice, P, S>),
 }
 
 /// A finished task.
@@ -50,25 +48,18 @@ pub(super) enum Done<P, S> {
     },
     /// The device has answered wrongly.
     Unresolved(Untraced<P, S>),
-    Submitted(Flight<P, S>),
-    /// The device is still at work.
-    Waited(Flight<P, S>),
-    Answered(Vec<RayStream<Answered, P, S>>),
-    /// The device has failed, and the host has its streams again.
-    Untraced {
+    Submitted {
+        streams: Vec<RayStream<OnDevice, P, S>>,
+        ticket: Box<dyn Ticket>,
+    },
+    /// The device has refused a bundle, and the host has its streams again.
+    Refused {
         streams: Vec<RayStream<Full, P, S>>,
         reason: String,
     },
+    Reclaimed(RayStream<Full, P, S>),
     /// The renderer or the host's tracer panicked, and the task's streams were dropped.
     Panicked(String),
-}
-
-/// A bundle with the device.
-pub(super) struct Flight<P, S> {
-    pub streams: Vec<RayStream<OnDevice, P, S>>,
-    ticket: Box<dyn Ticket>,
-    /// Rays and shadow rays.
-    pub rays: u64,
 }
 
 /// Rays that a task has emitted.
@@ -127,7 +118,7 @@ impl<R: Renderer> Work for SharedJob<R> {
                 Err(untraced) => Done::Unresolved(untraced),
             },
             Task::Submit(bundle) => self.submit(bundle),
-            Task::Wait(flight, timeout) => wait(flight, timeout),
+            Task::Reclaim(stream) => Done::Reclaimed(stream.take_back()),
         }));
         let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
         self.swap_slot(thread, TaskSlot::Done(done));
@@ -229,34 +220,12 @@ impl<R: Renderer> SharedJob<R> {
         bundle: Vec<RayStream<Full, R::Payload, R::ShadowPayload>>,
     ) -> Done<R::Payload, R::ShadowPayload> {
         let device = self.tracers.device.as_ref().expect("only jobs with a device submit bundles");
-        let rays = bundle.iter().map(|stream| weight(stream) as u64).sum();
-        let (streams, shares) = bundle.into_iter().map(RayStream::give).unzip();
+        let (streams, shares): (Vec<_>, _) = bundle.into_iter().map(RayStream::give).unzip();
         match catching(|| device.submit(shares).map_err(|error| error.to_string())) {
-            Ok(ticket) => Done::Submitted(Flight { streams, ticket, rays }),
-            Err(reason) => untraced(streams, reason),
+            Ok(ticket) => Done::Submitted { streams, ticket },
+            Err(reason) => {
+                Done::Refused { streams: streams.into_iter().map(RayStream::take_back).collect(), reason }
+            }
         }
     }
-}
-
-/// Waits for a bundle.
-fn wait<P, S>(mut flight: Flight<P, S>, timeout: Duration) -> Done<P, S> {
-    let answers = match catching(|| flight.ticket.wait(timeout).map_err(|error| error.to_string())) {
-        Ok(None) => return Done::Waited(flight),
-        Ok(Some(answers)) if answers.len() == flight.streams.len() => Ok(answers),
-        Ok(Some(_)) => Err("it did not answer for each stream".to_owned()),
-        Err(reason) => Err(reason),
-    };
-    // What the device has of the streams goes before they come back.
-    drop_quietly(flight.ticket);
-    match answers {
-        Ok(answers) => {
-            let streams = flight.streams.into_iter().zip(answers);
-            Done::Answered(streams.map(|(stream, resolve)| stream.answered(resolve)).collect())
-        }
-        Err(reason) => untraced(flight.streams, reason),
-    }
-}
-
-fn untraced<P, S>(streams: Vec<RayStream<OnDevice, P, S>>, reason: String) -> Done<P, S> {
-    Done::Untraced { streams: streams.into_iter().map(RayStream::take_back).collect(), reason }
 }

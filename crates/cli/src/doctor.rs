@@ -3,6 +3,7 @@
 use super::Outcome;
 use super::args::DoctorArgs;
 use anyhow::{Context, Result, ensure};
+use object::read::archive::ArchiveFile;
 use object::{Architecture, Object, ObjectSection, ObjectSymbol, SectionKind, SymbolKind};
 use raystream::picture::Registry;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -16,6 +17,17 @@ const NAMED: usize = 4;
 pub fn run(args: &DoctorArgs) -> Result<Outcome> {
     let path = args.program.display();
     let bytes = std::fs::read(&args.program).with_context(|| format!("{path}: cannot be read"))?;
+    if let Ok(archive) = ArchiveFile::parse(&*bytes) {
+        let found = lane_instances(&archive, &bytes).with_context(|| path.to_string())?;
+        if found == 0 {
+            stdout_line!("{path}: has no code over lanes");
+            return Ok(Outcome::Done);
+        }
+        stdout_line!(
+            "{path}: has {found} functions over lanes; let another crate instantiate them, or give this one opt-level 3"
+        );
+        return Ok(Outcome::Degraded);
+    }
     let found = examine(&bytes).with_context(|| path.to_string())?;
     if found.is_empty() {
         stdout_line!("{path}: all vector instructions are inlined");
@@ -83,8 +95,30 @@ fn remedy(function: &str) -> &'static str {
     }
 }
 
+/// Number of tasks over lanes that an archive of object files instantiates.
+fn lane_instances(archive: &ArchiveFile<'_>, bytes: &[u8]) -> Result<usize> {
+    let mut found = 0;
+    for member in archive.members() {
+        let data = member.and_then(|member| member.data(bytes)).context("a damaged archive")?;
+        // Metadata is no object file.
+        let Ok(file) = object::File::parse(data) else { continue };
+        let is_instance = |symbol: &object::Symbol<'_, '_>| {
+            let is_defined = symbol.kind() == SymbolKind::Text && symbol.is_definition();
+            is_defined
+                && symbol.name().is_ok_and(|name| demangled(name).contains("lanes::level::Instances>::"))
+        };
+        found += file.symbols().filter(is_instance).count();
+    }
+    Ok(found)
+}
+
 /// Crates with vector code of their own, which nothing here can mend. Kernels do not call it.
 const FOREIGN: [&str; 1] = ["memchr::"];
+
+/// The name of a symbol as the source has it.
+fn demangled(symbol: &str) -> String {
+    format!("{:#}", rustc_demangle::demangle(symbol))
+}
 
 fn examine(bytes: &[u8]) -> Result<Callers> {
     let file = object::File::parse(bytes).context("not a program")?;
@@ -96,11 +130,10 @@ fn examine(bytes: &[u8]) -> Result<Callers> {
         .collect();
     ensure!(!functions.is_empty(), "it has no symbols; build it without `strip`");
     functions.sort_unstable();
-    let name = |symbol: &str| format!("{:#}", rustc_demangle::demangle(symbol));
     let instructions: HashMap<u64, String> = functions
         .iter()
         .filter(|(_, symbol)| symbol.contains("core_arch"))
-        .filter_map(|&(address, symbol)| Some((address, instruction(&name(symbol))?.to_owned())))
+        .filter_map(|&(address, symbol)| Some((address, instruction(&demangled(symbol))?.to_owned())))
         .collect();
     let mut callers = Callers::new();
     if instructions.is_empty() {
@@ -115,7 +148,7 @@ fn examine(bytes: &[u8]) -> Result<Callers> {
             if instructions.contains_key(&address) {
                 continue;
             }
-            let caller = name(caller);
+            let caller = demangled(caller);
             if !FOREIGN.iter().any(|path| caller.starts_with(path)) {
                 callers.entry(caller).or_default().insert(called.clone());
             }
@@ -191,6 +224,22 @@ mod tests {
         let name = "raystream_cli::doctor::tests::forgotten_polynomial";
         let instructions = found.get(name).unwrap_or_else(|| panic!("not among {:?}", found.keys()));
         assert!(instructions.iter().any(|name| name.contains("sqrt")), "{instructions:?}");
+    }
+
+    #[test]
+    fn code_over_lanes_is_found_in_a_library() {
+        // An archive of one object file: this test, which has such code.
+        let program = std::fs::read(std::env::current_exe().expect("this test")).expect("this test");
+        let mut archive =
+            format!("!<arch>\n{:<16}{:<12}{:<6}{:<6}{:<8}{:<10}`\n", "a.o/", 0, 0, 0, 644, program.len());
+        assert_eq!(archive.len(), 68);
+        let mut bytes = std::mem::take(&mut archive).into_bytes();
+        bytes.extend(&program);
+        let found = |bytes: &[u8]| {
+            lane_instances(&ArchiveFile::parse(bytes).expect("an archive"), bytes).expect("whole")
+        };
+        assert!(found(&bytes) >= SimdLevel::available().len());
+        assert_eq!(found(b"!<arch>\n"), 0);
     }
 
     #[test]

@@ -161,13 +161,28 @@ fn race_rays(name: &str, mesh: &Mesh, all: &[Ray]) {
             }),
         ],
     );
+    race_all_hits(name, mesh, all, &packed);
+    let mut occluded = vec![false; count];
+    race(
+        &format!("{name}: occluded"),
+        count,
+        &mut [
+            ("cast_occluded", &mut || mesh.cast_occluded(&rays, Rule::Closed, &mut occluded)),
+            ("half-open", &mut || mesh.cast_occluded(&rays, Rule::HalfOpen, &mut vec![false; count])),
+        ],
+    );
+}
+
+/// Counts and lists of all hits.
+fn race_all_hits(name: &str, mesh: &Mesh, all: &[Ray], packed: &Rays<'_>) {
+    let count = all.len();
     let mut counts = vec![0; count];
     let mut counts2 = vec![0usize; count];
     race(
         &format!("{name}: count"),
         count,
         &mut [
-            ("count_hits", &mut || mesh.count_hits(&packed, Rule::HalfOpen, &mut counts)),
+            ("count_hits", &mut || mesh.count_hits(packed, Rule::HalfOpen, &mut counts)),
             ("from all_hits", &mut || {
                 let (_, ranges) = mesh.all_hits(all);
                 counts2.iter_mut().zip(ranges).for_each(|(count, range)| *count = range.len());
@@ -179,17 +194,8 @@ fn race_rays(name: &str, mesh: &Mesh, all: &[Ray]) {
         &format!("{name}: all hits"),
         count,
         &mut [
-            ("list_hits", &mut || drop(black_box(mesh.list_hits(&packed, Rule::HalfOpen, usize::MAX)))),
+            ("list_hits", &mut || drop(black_box(mesh.list_hits(packed, Rule::HalfOpen, usize::MAX)))),
             ("all_hits", &mut || drop(black_box(mesh.all_hits(all)))),
-        ],
-    );
-    let mut occluded = vec![false; count];
-    race(
-        &format!("{name}: occluded"),
-        count,
-        &mut [
-            ("cast_occluded", &mut || mesh.cast_occluded(&rays, Rule::Closed, &mut occluded)),
-            ("half-open", &mut || mesh.cast_occluded(&rays, Rule::HalfOpen, &mut vec![false; count])),
         ],
     );
 }

@@ -160,8 +160,9 @@ impl HostCall<'_> {
 }
 
 impl Columns {
+    /// The words of the lanes from a point on.
     #[inline(always)]
-    fn int<L: Lanes>(&self, l: L, register: Register, start: usize) -> Int<L> {
+    pub(in crate::program) fn int<L: Lanes>(&self, l: L, register: Register, start: usize) -> Int<L> {
         let mut words = L::array(0u32);
         let operand = self.operand(register, start + L::LANES);
         let cells = operand.some(start, L::LANES);

@@ -1,10 +1,9 @@
 //! Generated programs: the executor at every SIMD level beside the oracle, bit by bit.
 
 use super::oracle::{Oracle, Value, Word};
-use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::lanes::SimdLevel;
 use crate::program::code::Code;
 use crate::program::lower::{Input, lower};
-use crate::program::once::Registers;
 use crate::program::operation::CHUNK;
 use crate::program::run::{BLOCK, Columns, run_alone};
 use crate::program::source::Source;
@@ -373,31 +372,6 @@ pub(super) fn executed(code: &Code, level: SimdLevel, block: usize, points: &[Ve
     (0..points.len()).map(results).collect()
 }
 
-/// The results at points, at most as many as a chunk has.
-struct Once<'a> {
-    code: &'a Code,
-    points: &'a [Vec<Word>],
-}
-
-impl LaneTask for Once<'_> {
-    type Output = Vec<Vec<u32>>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Self::Output {
-        let Self { code, points } = self;
-        let registers = Registers::of(code);
-        for &(scalar, register) in &code.inputs {
-            for (cell, words) in registers.chunk(register).iter().zip(points.iter().cycle()) {
-                cell.set(words[scalar as usize].bits());
-            }
-        }
-        registers.run(l, code).expect("loops end");
-        let results =
-            |point: usize| code.outputs.iter().map(|&from| registers.chunk(from)[point].get()).collect();
-        (0..points.len()).map(results).collect()
-    }
-}
-
 fn compare(seed: u32) -> usize {
     let text = Writer::program(seed, false);
     let source = parsed(&text);
@@ -417,9 +391,9 @@ fn compare(seed: u32) -> usize {
     for (level, k) in SimdLevel::available().into_iter().zip(seed as usize..) {
         let block = blocks[k % blocks.len()];
         let in_blocks = executed(&code, level, block, &points[..block.min(BLOCK)]);
-        let once = points.chunks(CHUNK).flat_map(|points| level.run(Once { code: &code, points }));
+        let alone = points.chunks(CHUNK).flat_map(|points| executed(&code, level, CHUNK, points));
         let expected = expected.iter().enumerate().cycle();
-        for (found, (point, expected)) in once.chain(in_blocks).zip(expected) {
+        for (found, (point, expected)) in alone.chain(in_blocks).zip(expected) {
             let off = found.iter().zip(expected).find(|&(&found, &wanted)| !same(found, wanted));
             assert!(
                 off.is_none(),

@@ -56,12 +56,30 @@ impl View {
     }
 
     /// True if host threads would have traced one more stream before the device had traced its first bundle, which is
-    /// half done on average.
+    /// half done on average, or if it is not known how late the device will be.
     pub(super) fn hosts_are_sooner(&self, load: Load) -> bool {
+        if self.device.resolving.rays == 0 {
+            return true;
+        }
         let stream = self.trace_rays as u64 / self.trace.max(1) as u64;
         let hosts_ns = self.cpu.ns_for(stream).unwrap_or(0) / load.hosts.max(1) as u64;
         let bundle = self.on_device_rays / self.on_device.max(1) as u64;
         hosts_ns <= self.device.turnaround.ns_for(bundle) / 2
+    }
+
+    /// True if host threads that have nothing else to do may take a stream from the device: no other work is to come,
+    /// and as far as is known they have traced it sooner than the device its bundles, which are half done on average.
+    pub(super) fn may_be_reclaimed(&self, load: Load) -> bool {
+        let others = self.slot || self.trace > 0 || self.need_more > 0;
+        if self.with_device == 0 || others || !self.no_more_is_to_come(load) {
+            return false;
+        }
+        if self.device.resolving.rays == 0 {
+            return true;
+        }
+        let stream = self.on_device_rays / self.with_device.max(1) as u64;
+        let hosts_ns = self.cpu.ns_for(stream).map(|ns| ns / load.hosts.max(1) as u64);
+        hosts_ns.is_some_and(|ns| ns <= self.device.turnaround.ns_for(self.on_device_rays) / 2)
     }
 
     /// No task would fill a stream, until a device has traced one.

@@ -37,10 +37,10 @@ pub enum Rule {
     Flush,
     /// Before the others: make the answers of a stream that a device has traced.
     Resolve,
+    /// After the others: take a stream back that a device has not traced, so that host threads trace it.
+    Reclaim,
     /// The device thread: submit a bundle of streams.
     Submit,
-    /// The device thread: wait for the bundle that was submitted first.
-    Wait,
 }
 
 /// The pace at which a unit has traced or shaded a job's rays so far.
@@ -134,8 +134,10 @@ pub struct View {
     pub on_device: usize,
     /// Rays and shadow rays in these.
     pub on_device_rays: u64,
-    /// The time at which the first of these that no thread waits for was submitted.
-    pub waits_since_ns: Option<u64>,
+    /// Streams in these that no host thread has taken back.
+    pub with_device: usize,
+    /// Streams that a device has failed to trace.
+    pub failed: usize,
     /// Paths that have not ended or not begun.
     pub paths_left: u64,
     /// Lengths of paths so far.
@@ -219,7 +221,7 @@ impl View {
                 // Host threads do not trace here, so the device takes the last small streams once no more will come.
                 Unit::Gpu => (self.trace > 0 && self.has_room(load)) || self.may_be_flushed_to_device(load),
             },
-            Rule::Wait => self.waits_since_ns.is_some(),
+            Rule::Reclaim => self.failed > 0 || self.unit == Unit::Hybrid && self.may_be_reclaimed(load),
         }
     }
 
@@ -236,8 +238,13 @@ impl View {
     fn host_rule(&self, load: Load, flush: bool) -> Option<Rule> {
         let row = self.policy.row();
         let before = if self.unit == Unit::Hybrid { (row.before)(self, load) } else { None };
-        let mut order = std::iter::once(Rule::Resolve).chain(before).chain(row.order);
-        order.find(|&rule| (flush || rule != Rule::Flush) && self.allows(rule, load))
+        if self.failed > 0 {
+            return Some(Rule::Reclaim);
+        }
+        let order = std::iter::once(Rule::Resolve).chain(before).chain(row.order);
+        let mut order = order.chain([Rule::Reclaim]);
+        let waits = |rule| matches!(rule, Rule::Flush | Rule::Reclaim);
+        order.find(|&rule| (flush || !waits(rule)) && self.allows(rule, load))
     }
 }
 
@@ -253,22 +260,17 @@ pub fn choose(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
     })
 }
 
-/// The device thread's next task: a bundle, or the one that was submitted first, of any job, to be waited for. `turns`
-/// stand in the order of admission.
-pub fn choose_device(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
+/// The job whose bundle the device thread submits next, if there is room for any. `turns` stand in the order of
+/// admission.
+pub fn choose_bundle(turns: &[Turn], load: Load, sharing: Sharing) -> Option<Choice> {
     let bundle = |view: &View| view.allows(Rule::Submit, load).then_some(Rule::Submit);
-    let submit = Priority::ALL.into_iter().find_map(|priority| pick(turns, priority, sharing, bundle));
-    submit.or_else(|| {
-        let since = |(job, turn): (usize, &Turn)| Some((turn.view.waits_since_ns?, job));
-        let (_, job) = turns.iter().enumerate().filter_map(since).min()?;
-        Some(Choice { job, rule: Rule::Wait })
-    })
+    Priority::ALL.into_iter().find_map(|priority| pick(turns, priority, sharing, bundle))
 }
 
-/// How long the device thread waits before it looks whether there is a bundle to submit: hardly at all while there is
-/// room for one.
-pub fn wait_time(load: Load) -> Duration {
-    if load.queued < QUEUED { Duration::from_micros(200) } else { Duration::from_secs(1) }
+/// How long the device thread waits for a bundle before it looks whether there is one to submit: hardly at all while
+/// there is room for one. `queued` bundles are with devices.
+pub fn wait_time(queued: usize) -> Duration {
+    if queued < QUEUED { Duration::from_micros(200) } else { Duration::from_secs(1) }
 }
 
 /// The first job of a priority, in the order that `sharing` gives, for which `rule` finds a task.

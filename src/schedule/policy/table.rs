@@ -102,11 +102,13 @@ impl Policy {
         all
     };
 
-    /// The policy that RA uses with these units.
+    /// The policy that is used with these units unless another is chosen: RA's for a unit alone, and measured costs for
+    /// both.
     pub fn of(unit: Unit) -> Self {
         match unit {
             Unit::Cpu => Self::ShadeFirst,
-            Unit::Gpu | Unit::Hybrid => Self::RayAccelerator,
+            Unit::Gpu => Self::RayAccelerator,
+            Unit::Hybrid => Self::MeasuredRate,
         }
     }
 

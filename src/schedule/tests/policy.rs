@@ -1,7 +1,7 @@
 //! The rules, one by one.
 
 use super::super::policy::{
-    DevicePace, Line, Pace, PathLengths, QUEUED, SMALL_TASK_NS, TURN_RAYS, choose, choose_device, chunk_rays,
+    DevicePace, Line, Pace, PathLengths, QUEUED, SMALL_TASK_NS, TURN_RAYS, choose, choose_bundle, chunk_rays,
     most_rays, threshold,
 };
 use super::super::{Limits, Load, Policy, Priority, Rule, Sharing, TaskSize, Turn, Unit, View};
@@ -32,7 +32,8 @@ const IDLE: View = View {
     bundle_rays: 50_000,
     on_device: 0,
     on_device_rays: 0,
-    waits_since_ns: None,
+    with_device: 0,
+    failed: 0,
     paths_left: 0,
     lengths: PathLengths { shaded: 0, continued: 0, rays: 0, shadow_rays: 0 },
 };
@@ -52,7 +53,7 @@ fn rule(view: View, load: Load) -> Option<Rule> {
 
 /// True if the device is given a bundle.
 fn submitted(view: View, load: Load) -> bool {
-    let choice = choose_device(&[turn(view, 0)], load, Sharing::Fair);
+    let choice = choose_bundle(&[turn(view, 0)], load, Sharing::Fair);
     choice.is_some_and(|choice| choice.rule == Rule::Submit)
 }
 
@@ -117,7 +118,7 @@ fn the_job_served_least_is_next() {
     let turns = [turn(ALL, 5 * TURN_RAYS), turn(ALL, 4 * TURN_RAYS - 1), turn(ALL, 3 * TURN_RAYS)];
     assert_eq!(choose(&turns, BUSY, Sharing::Fair).map(|c| c.job), Some(1));
     assert_eq!(choose(&turns, BUSY, Sharing::FirstIn).map(|c| c.job), Some(0));
-    assert_eq!(choose_device(&turns, IDLE_DEVICE, Sharing::Fair).map(|c| c.job), Some(1));
+    assert_eq!(choose_bundle(&turns, IDLE_DEVICE, Sharing::Fair).map(|c| c.job), Some(1));
 }
 
 #[test]
@@ -170,17 +171,41 @@ fn a_bundle_is_submitted_when_it_is_full_or_the_device_has_none() {
     }
     // What will not be full is not waited for.
     assert!(submitted(View { shade: 0, ..full(100) }, load(1)));
-    // Of several jobs the bundle that was submitted first is waited for, and a full one is submitted before.
-    let since = |waits_since_ns| turn(View { waits_since_ns, on_device: 1, ..IDLE }, 0);
-    let turns = [since(Some(20)), since(Some(10)), since(None)];
-    let choice = choose_device(&turns, load(2), Sharing::Fair).map(|choice| (choice.job, choice.rule));
-    assert_eq!(choice, Some((1, Rule::Wait)));
-    let ready = turn(full(50_000), 9 * TURN_RAYS);
-    let choice =
-        choose_device(&[turns[0], ready], load(1), Sharing::Fair).map(|choice| (choice.job, choice.rule));
-    assert_eq!(choice, Some((1, Rule::Submit)));
     // Answers come before all else.
     assert_eq!(rule(View { answered: 1, ..ALL }, BUSY), Some(Rule::Resolve));
+}
+
+#[test]
+fn host_threads_take_streams_from_a_device_that_would_be_later() {
+    let known = DevicePace {
+        resolving: Pace { rays: 1024, ns: 1024 },
+        turnaround: Line { ns_for_1024: 1000, latency_ns: 0 },
+        ..IDLE.device
+    };
+    let waiting = View { on_device: 2, with_device: 4, on_device_rays: 4096, ..IDLE };
+    let paced = |ns| View { cpu: Pace { rays: 1024, ns }, device: known, ..waiting };
+    // Two threads trace a stream of 1024 rays in half the time of one, the device 4096 in 4000 ns.
+    assert_eq!(rule(paced(4000), BUSY), Some(Rule::Reclaim));
+    assert_eq!(rule(paced(4100), BUSY), None);
+    // How late a device is that has not answered is not known.
+    assert_eq!(rule(waiting, BUSY), Some(Rule::Reclaim));
+    assert_eq!(rule(View { with_device: 0, ..waiting }, BUSY), None);
+    assert_eq!(rule(View { unit: Unit::Gpu, ..waiting }, BUSY), None);
+    // Other work comes first, and with it that of other jobs.
+    for (busy, first) in [
+        (View { tiles_left: 1, ..waiting }, Rule::Spawn),
+        (View { shade: 1, ..waiting }, Rule::Shade),
+        (View { slot: true, ..waiting }, Rule::Trace),
+        (View { need_more: 1, ..waiting }, Rule::Flush),
+        (View { answered: 1, ..waiting }, Rule::Resolve),
+    ] {
+        assert_eq!(rule(busy, BUSY), Some(first));
+        let turns = [turn(View { tasks: 2, ..waiting }, 0), turn(busy, TURN_RAYS)];
+        assert_eq!(choose(&turns, BUSY, Sharing::Fair).map(|c| c.rule), Some(first));
+    }
+    // Whatever a lost device has goes back before anything else.
+    let failed = View { unit: Unit::Cpu, failed: 1, with_device: 1, ..ALL };
+    assert_eq!(rule(failed, BUSY), Some(Rule::Reclaim));
 }
 
 #[test]
@@ -329,7 +354,7 @@ fn a_lower_priority_gets_what_the_higher_ones_leave() {
     );
     // The device thread too.
     let full = View { trace: 1, ..IDLE };
-    let choice = choose_device(&[at(low, full), at(normal, full)], IDLE_DEVICE, Sharing::FirstIn);
+    let choice = choose_bundle(&[at(low, full), at(normal, full)], IDLE_DEVICE, Sharing::FirstIn);
     assert_eq!(choice.map(|choice| choice.job), Some(1));
 }
 

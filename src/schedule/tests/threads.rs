@@ -1,9 +1,11 @@
 //! The service with real threads, and with devices that live, are slow or die.
 
-use super::super::{JobError, TaskKind, ThreadKind, Tracers, Unit};
+use super::super::{JobError, Policy, TaskKind, ThreadKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
 use super::{SCRIPT, SMALL, outcome, service};
+use crate::stream::{DeviceError, DeviceStream, DeviceTracer, Resolve, Ticket};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 fn device(ledger: &Arc<Ledger>, fate: Fate) -> Arc<FakeDevice> {
@@ -34,7 +36,7 @@ fn every_ray_is_shaded_once_with_any_number_of_threads() {
             match unit {
                 Unit::Cpu => assert_eq!(report.gpu.rays, 0),
                 Unit::Gpu => assert_eq!(report.cpu.rays, 0),
-                Unit::Hybrid => assert!(report.gpu.rays > 0),
+                Unit::Hybrid => assert_eq!(report.cpu.rays + report.gpu.rays, report.rays.total()),
             }
             assert_eq!(report.threads.len(), hosts + 1);
         }
@@ -72,7 +74,74 @@ fn a_slow_device_is_helped() {
     let tracers = tracers(&ledger, device, Unit::Hybrid);
     let report = outcome(service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap()).unwrap();
     ledger.check_complete();
-    assert!(report.cpu.rays > report.gpu.rays && report.gpu.rays > 0);
+    assert!(report.cpu.rays > report.gpu.rays);
+}
+
+/// A device that answers when it may.
+struct Late {
+    device: Arc<FakeDevice>,
+    may_answer: Arc<AtomicBool>,
+}
+
+struct LateTicket {
+    ticket: Box<dyn Ticket>,
+    may_answer: Arc<AtomicBool>,
+}
+
+impl DeviceTracer for Late {
+    fn name(&self) -> &str {
+        self.device.name()
+    }
+
+    fn bundle_rays(&self) -> Option<usize> {
+        self.device.bundle_rays()
+    }
+
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        let ticket = self.device.submit(bundle)?;
+        Ok(Box::new(LateTicket { ticket, may_answer: Arc::clone(&self.may_answer) }))
+    }
+}
+
+impl Ticket for LateTicket {
+    fn wait(&mut self, timeout: Duration) -> Result<Option<Vec<Box<dyn Resolve>>>, DeviceError> {
+        if !self.may_answer.load(Relaxed) {
+            std::thread::sleep(timeout.min(Duration::from_millis(1)));
+            return Ok(None);
+        }
+        self.ticket.wait(timeout)
+    }
+}
+
+#[test]
+fn nobody_waits_for_a_device_that_is_later_than_host_threads() {
+    for fate in [Fate::Lives, Fate::Lost(0)] {
+        let service = service(2, true);
+        let may_answer = Arc::new(AtomicBool::new(false));
+        let frame = |policy| {
+            let ledger = Ledger::new(SCRIPT);
+            let (device, may_answer) = (device(&ledger, fate), Arc::clone(&may_answer));
+            let tracers = Tracers::cpu(Arc::clone(&ledger) as _)
+                .with_device(Arc::new(Late { device, may_answer }), Unit::Hybrid);
+            let job = service.submit(Arc::clone(&ledger), tracers, SMALL.with_policy(policy)).unwrap();
+            (ledger, job)
+        };
+        // The second frame finds the device busy with what the first has left.
+        for policy in Policy::ALL {
+            let (ledger, job) = frame(policy);
+            let report = outcome(job).unwrap();
+            ledger.check_complete();
+            assert_eq!((report.gpu.rays, report.cpu.rays), (0, report.rays.total()));
+            assert!(report.events.is_empty(), "{:?}", report.events);
+        }
+        let (_, cancelled) = frame(Policy::RayAccelerator);
+        cancelled.cancel();
+        drop(outcome(cancelled));
+        may_answer.store(true, Relaxed);
+        let (ledger, job) = frame(Policy::RayAccelerator);
+        outcome(job).unwrap();
+        ledger.check_complete();
+    }
 }
 
 #[test]

@@ -38,8 +38,8 @@ pub struct UnitArgs {
     /// Units that trace rays [default: hybrid with --adapter, else cpu].
     #[arg(long, value_enum, value_name = "UNITS")]
     pub tracer: Option<TracerChoice>,
-    /// Policy by which tasks are distributed among units and threads [default: ra with a GPU, else shade-first]. The
-    /// result does not depend on it.
+    /// Policy by which tasks are distributed among units and threads [default: measured for both units, ra
+    /// for the GPU alone, shade-first for the CPU]. The result does not depend on it.
     #[arg(long, value_enum, value_name = "NAME")]
     pub policy: Option<PolicyChoice>,
     /// Use the GPU adapter whose name contains NAME (`raystream info` lists them); a software adapter is

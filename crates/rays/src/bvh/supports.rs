@@ -1,4 +1,4 @@
-//! How far a tree's triangles reach in a direction: exactly, by a walk through the tree, and by a bound from a table of
+//! Reach of a tree's triangles in a direction: exactly, by a walk through the tree, and by a bound from a table of
 //! directions, which takes nanoseconds.
 
 use super::Bvh;

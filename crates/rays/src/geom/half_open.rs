@@ -2,19 +2,19 @@
 //!
 //! The canonical test ([`super::CanonicalRay`]) counts a hit on an edge or a corner for every triangle that has it. So
 //! its hits cannot be counted: a ray through a corner of a box enters it three times. This test answers for a ray that
-//! is moved by an infinitesimal amount, the same for all triangles, which passes no edge and no corner (Edelsbrunner and
-//! Mücke 1990, *Simulation of Simplicity*). So a ray that crosses a surface at an edge crosses one triangle, and one
-//! that only touches it there crosses none or two. A line crosses a closed surface an even number of times.
+//! is moved by an infinitesimal amount, the same for all triangles, which passes no edge and no corner (Edelsbrunner
+//! and Mücke 1990, *Simulation of Simplicity*). So a ray that crosses a surface at an edge crosses one triangle, and
+//! one that only touches it there crosses none or two. A line crosses a closed surface an even number of times.
 //!
 //! All decisions are those of the exact numbers that the coordinates stand for. Nearly always `f64` decides, by a bound
 //! of its rounding errors; else [`Expansion`] does.
 //!
 //! # The test
 //! With the corners relative to the origin, an edge from `p` to `q` and a direction `d`, the sign of `d · (p × q)` says
-//! on which side of the edge the line passes. Moving the origin by `δ` adds `δ · (d × (q - p))`. With `δ` = (ε, ε², ε³)
-//! and ε → 0 the first component of `d × (q - p)` that is not 0 decides where `d · (p × q)` is 0. All are 0 only where
-//! the edge is parallel to the ray; the triangle is then seen edge-on, and not crossed. A triangle is crossed if the
-//! three signs are equal.
+//! on which side of the edge the line passes. Moving the origin by `δ` adds `δ · (d × (q - p))`. With `δ` = (ε, ε²,
+//! ε³) and ε → 0 the first component of `d × (q - p)` that is not 0 decides where `d · (p × q)` is 0. All are 0
+//! only where the edge is parallel to the ray; the triangle is then seen edge-on, and not crossed. A triangle is
+//! crossed if the three signs are equal.
 
 use super::expansion::{Expansion, two_difference};
 use glam::{DVec3, Vec3};
@@ -131,7 +131,8 @@ impl HalfOpenRay {
         self.exact_t(corners, side).map(|(facing, t)| crossing(facing, t))
     }
 
-    /// The side from which the moved ray crosses a triangle, where rounding errors leave the sign of a determinant open.
+    /// The side from which the moved ray crosses a triangle, where rounding errors leave the sign of a determinant
+    /// open.
     #[cold]
     #[inline(never)]
     fn exact_side(

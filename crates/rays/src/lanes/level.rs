@@ -144,7 +144,7 @@ impl SimdLevel {
         task.eight(eight)
     }
 
-    /// The available level whose tasks have `lanes` lanes; the narrowest if there is none.
+    /// The level whose tasks have `lanes` lanes; the narrowest if this build leaves it out.
     #[doc(hidden)]
     pub fn of_lanes(lanes: usize) -> Self {
         let level = match lanes {
@@ -153,7 +153,9 @@ impl SimdLevel {
             8 => Self::Avx2,
             _ => Self::Scalar,
         };
-        if level.is_available() { level } else { Self::narrowest() }
+        // All levels that lanes can be of are there, but in a build for one level.
+        let leaves_out = cfg!(any(without_avx512, without_avx2, without_neon, without_scalar));
+        if leaves_out && !level.is_available() { Self::narrowest() } else { level }
     }
 
     /// The name that arguments and reports use.

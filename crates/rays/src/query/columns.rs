@@ -1,12 +1,13 @@
 //! Columns of hits: what a call computes and writes.
 
-use super::mesh::normal;
+use super::normals::write_normals;
 use super::rays::Rays;
 use super::target::Target;
 use crate::stream::Hit;
 use glam::{DVec3, Vec3};
 
-/// Columns of the first hits of rays, each as long as the rays, in memory of the caller. What is `None` is not computed.
+/// Columns of the first hits of rays, each as long as the rays, in memory of the caller. What is `None` is not
+/// computed.
 ///
 /// ```
 /// use raystream_rays::query::{HitColumns, Mesh, Ray, RayQueries, Rule};
@@ -30,7 +31,8 @@ pub struct HitColumns<'a> {
     pub instance: Option<&'a mut [u32]>,
     /// Barycentric weights of the triangle's second and third corner, 0 to 1; 0 for a miss.
     pub uv: Option<&'a mut [[f32; 2]]>,
-    /// Geometric normal of length 1, on the side from which the corners are seen in counterclockwise order; 0 for a miss.
+    /// Geometric normal of length 1, on the side from which the corners are seen in counterclockwise order; 0 for a
+    /// miss.
     pub normal: Option<&'a mut [[f32; 3]]>,
     /// The point that is hit, in the caller's units; NaN for a miss.
     pub position: Option<&'a mut [[f32; 3]]>,
@@ -160,13 +162,7 @@ impl HitColumns<'_> {
     }
 }
 
-/// Number of hits between the prefetch of a triangle's place and its use.
-const PREFETCH_PLACE: usize = 32;
-
-/// Number of hits between the prefetch of a triangle and its use.
-const PREFETCH_TRIANGLE: usize = 16;
-
-/// What the columns of hits are computed from.
+/// Rays and tree that the columns of hits are computed from.
 pub(super) struct ColumnWriter<'a> {
     pub target: Target<'a>,
     pub rays: &'a Rays<'a>,
@@ -209,7 +205,7 @@ impl ColumnWriter<'_> {
             self.write_ids(hits, primitive, instance);
         }
         if let Some(column) = normal {
-            self.write_normals(hits, column);
+            write_normals(self.target.tracers.bvh(), hits, column);
         }
         if let Some(column) = position {
             let at = |i: usize| self.position(i, &hits[i]).as_vec3().to_array();
@@ -240,20 +236,6 @@ impl ColumnWriter<'_> {
             if let Some(column) = &mut instance {
                 column[i] = hit.instance;
             }
-        }
-    }
-
-    fn write_normals(&self, hits: &[Hit], column: &mut [[f32; 3]]) {
-        let bvh = &**self.target.tracers.bvh();
-        let is_hit = |ahead: &&Hit| !ahead.is_miss();
-        for (i, (hit, to)) in hits.iter().zip(column).enumerate() {
-            if let Some(ahead) = hits.get(i + PREFETCH_PLACE).filter(is_hit) {
-                bvh.prefetch_reference(ahead.primitive);
-            }
-            if let Some(ahead) = hits.get(i + PREFETCH_TRIANGLE).filter(is_hit) {
-                bvh.prefetch_triangle(ahead.primitive);
-            }
-            *to = if hit.is_miss() { [0.0; 3] } else { normal(bvh.corners(hit.primitive)).to_array() };
         }
     }
 

@@ -24,25 +24,34 @@ pub(super) struct Candidate {
     pub corners: [Vec3; 3],
 }
 
-/// A [`TriangleSink`] that is a function.
-struct Sink<F>(F);
+/// A [`TriangleSink`] that is a function. What it returns saves visits if `NARROWS`.
+struct Sink<F, const NARROWS: bool>(F);
 
-impl<F: FnMut(Candidate) -> f32> TriangleSink for Sink<F> {
+impl<F: FnMut(Candidate) -> f32, const NARROWS: bool> TriangleSink for Sink<F, NARROWS> {
     fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32 {
         (self.0)(Candidate { ray, primitive, corners })
+    }
+
+    fn batch(&self) -> usize {
+        if NARROWS { 1 } else { 64 }
     }
 }
 
 impl Target<'_> {
-    /// Calls `take` with the triangles that each of these rays may cross. It returns the `t` beyond which the ray needs no
-    /// more triangles; a negative number for none.
-    pub(super) fn visit_candidates(&self, rays: &[Ray], take: impl FnMut(Candidate) -> f32) {
-        self.tracers.stream().visit_candidates(rays, &mut Sink(take));
+    /// Calls `take` with the triangles that each of these rays may cross. It returns the `t` beyond which the ray
+    /// needs no more triangles, a negative number for none; that saves visits if `NARROWS`.
+    pub(super) fn visit_candidates<const NARROWS: bool>(
+        &self,
+        rays: &[Ray],
+        take: impl FnMut(Candidate) -> f32,
+    ) {
+        self.tracers.stream().visit_candidates(rays, &mut Sink::<_, NARROWS>(take));
     }
 
-    /// Calls `take` with each crossing of consecutive rays, in no particular order, where the candidate's ray counts from
+    /// Calls `take` with each crossing of consecutive rays, in no particular order, where the candidate's ray counts
+    /// from
     /// `first`.
-    pub(super) fn visit_crossings(
+    pub(super) fn visit_crossings<const NARROWS: bool>(
         &self,
         rays: &Rays<'_>,
         first: usize,
@@ -55,7 +64,7 @@ impl Target<'_> {
             traced.clear();
             traced.extend((first..first + len).map(|i| rays.prepare_exact(i, self.center).ray));
         }
-        self.visit_candidates(&traced, |candidate| {
+        self.visit_candidates::<NARROWS>(&traced, |candidate| {
             let ray = if direct {
                 ExactRay::of(&traced[candidate.ray])
             } else {
@@ -72,7 +81,7 @@ impl Target<'_> {
     /// The first crossings of consecutive rays, with `t` in the caller's units.
     pub(super) fn first_crossings(&self, rays: &Rays<'_>, first: usize, hits: &mut [Hit]) {
         let mut nearest = vec![(f64::INFINITY, [Vec3::ZERO; 3]); hits.len()];
-        self.visit_crossings(rays, first, hits.len(), |candidate, ray, crossing| {
+        self.visit_crossings::<true>(rays, first, hits.len(), |candidate, ray, crossing| {
             let Candidate { ray: index, primitive, corners } = candidate;
             let ((t, before), hit) = (&mut nearest[index], &mut hits[index]);
             if precedes(ray, (crossing.t, corners, primitive), (*t, *before, hit.primitive)) {

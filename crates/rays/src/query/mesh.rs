@@ -56,13 +56,13 @@ impl Mesh {
         Ok(Self::of(Arc::new(Bvh::build(&positions, triangles, |_| false))))
     }
 
-    /// [`Mesh::build`] with positions in `f64`, which may be far from the origin: they are stored relative to the middle
-    /// of their box, [`Mesh::center`], each rounded to `f32`. So a coordinate is wrong by at most 2⁻²⁴ of its distance
-    /// from the middle.
+    /// [`Mesh::build`] with positions in `f64`, which may be far from the origin: they are stored relative to the
+    /// middle of their box, [`Mesh::center`], each rounded to `f32`. So a coordinate is wrong by at most 2⁻²⁴ of its
+    /// distance from the middle.
     ///
     /// Queries of [`RayQueries`] and of points take and give the caller's coordinates; rays and points in `f64` are not
-    /// rounded to `f32` where exact answers depend on them. [`Mesh::closest`] and the other queries of [`Ray`] slices know
-    /// nothing of the middle.
+    /// rounded to `f32` where exact answers depend on them. [`Mesh::closest`] and the other queries of [`Ray`] slices
+    /// know nothing of the middle.
     ///
     /// ```
     /// use raystream_rays::query::{HitColumns, Mesh, Range, RayQueries, Rays, Rule};
@@ -271,7 +271,8 @@ impl Mesh {
     /// those at one distance by ascending primitive id. Triangles that lie upon each other are all there. A ray
     /// through an edge or a vertex hits all triangles that share it.
     ///
-    /// Every ray is traced by itself, to its end.
+    /// Every ray is traced by itself, to its end. To count crossings, and for many rays, use
+    /// [`RayQueries::list_hits`](super::RayQueries::list_hits) and its like.
     ///
     /// ```
     /// use raystream_rays::query::{Mesh, Ray};

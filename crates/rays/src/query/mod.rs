@@ -29,10 +29,13 @@
 //! | what does it hit first among some triangles, or by some rule? | [`Mesh::closest_where`] |
 //! | what does it hit, all the way? | [`Mesh::all_hits`] |
 //! | where, and what is there? | [`Ray::at`], [`Mesh::normal`], [`Mesh::corners`] |
-//! | which point of the mesh is nearest to a point? | [`Mesh::nearest_point`] |
+//! | what does it hit, how often, in which columns? | [`RayQueries`], in any units, by either [`Rule`] |
+//! | which point of the mesh is nearest to a point? | [`Mesh::nearest_point`], [`RayQueries::nearest_points`] |
+//! | which points are inside, and how far? | [`Mesh::contains`], [`Mesh::signed_distances`] |
 //! | what does a point see of its hemisphere? | [`hemispheres`] makes the rays |
 //! | the same mesh at many places? | [`World`] |
 //! | the mesh moves? | [`Mesh::refit`], [`World::move_instances`] |
+//! | instances come and go? | [`World::add`], [`World::remove`], [`World::set_visible`], [`World::set_mesh`] |
 //!
 //! # Speed
 //! A call may bring any number of rays: one or two are traced one after the other, more as a ray stream. The more
@@ -51,6 +54,7 @@ mod hemispheres;
 mod mesh;
 mod nearest;
 mod nearest_lanes;
+mod normals;
 mod points;
 mod rays;
 mod shares;

@@ -10,8 +10,8 @@ use crate::lanes::{LaneBits, LaneTask, Lanes, SimdLevel, first_lanes, load, spil
 use crate::trace::cpu::lane_math::{LaneVec3, cross, dot, max_abs, sub};
 use glam::{DVec3, Vec3};
 
-/// Finds the nearest points of `points` on a tree of triangles, at most `max_distance` away. Each search begins with the
-/// triangle that the one before has found, so neighbours should follow each other.
+/// Finds the nearest points of `points` on a tree of triangles, at most `max_distance` away. Each search begins with
+/// the triangle that the one before has found, so neighbours should follow each other.
 pub(super) fn nearest_of_each(
     bvh: &Bvh,
     points: &[DVec3],
@@ -196,8 +196,8 @@ const EDGE: f32 = 1.0 / (1 << 15) as f32;
 
 /// Squared distances of a point from triangles, and by how much the distances may be too large.
 ///
-/// The distance from the plane, which is never greater than that from the triangle, where the point's projection may lie
-/// inside; else the distance from the nearest edge. Slivers may be at the point.
+/// The distance from the plane, which is never greater than that from the triangle, where the point's projection may
+/// lie inside; else the distance from the nearest edge. Slivers may be at the point.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -> (L::F, L::F) {
     let point = splat(l, near.point.to_array());

@@ -213,7 +213,7 @@ impl Target<'_> {
         let point = |row: usize| points.get(first + row) - self.center;
         let rays: Vec<Ray> = (0..len).map(|row| box_ray(point(row), away_from(middle, point(row)))).collect();
         let mut sides = vec![Side::Outside; len];
-        self.visit_candidates(&rays, |candidate| {
+        self.visit_candidates::<false>(&rays, |candidate| {
             let (side, corners) = (&mut sides[candidate.ray], candidate.corners);
             let point = point(candidate.ray);
             if touches_box(point, corners) && is_on_triangle(point, corners) {

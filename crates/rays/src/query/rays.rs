@@ -50,9 +50,9 @@ pub enum Rays<'a> {
     Rows64(&'a [[f64; 6]], Range),
     /// Origins and as many directions.
     Pairs64(&'a [[f64; 3]], &'a [[f64; 3]], Range),
-    /// Segments from points to as many points, none of which belong to them: `t` is 0 at the first, 1 at the second.
+    /// Segments from points to as many points, without both ends: `t` is 0 at the first, 1 at the second.
     Segments(&'a [[f32; 3]], &'a [[f32; 3]]),
-    /// Segments from points to as many points, none of which belong to them.
+    /// Segments from points to as many points, without both ends.
     Segments64(&'a [[f64; 3]], &'a [[f64; 3]]),
 }
 

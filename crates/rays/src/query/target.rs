@@ -21,7 +21,7 @@ thread_local! {
 /// The most rays whose exact sums one thread keeps at a time.
 const SUMMED_AT_ONCE: usize = 4096;
 
-/// What is asked: a tree, and what its primitive ids mean.
+/// The tree that is asked, and what its primitive ids mean.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
     pub(super) tracers: &'a TreeTracers,
@@ -54,13 +54,13 @@ impl HitLists {
 ///
 /// A call of up to 1024 rays stays on the calling thread.
 pub trait RayQueries {
-    /// What is asked.
+    /// The tree that is asked.
     #[doc(hidden)]
     fn target(&self) -> Target<'_>;
 
     /// The first hit of every ray, as columns. Of equally near hits [`Rule::Closed`] takes the one of the first
-    /// instance, and there the lowest primitive id; [`Rule::HalfOpen`] takes the one that a ray moved by an infinitesimal
-    /// amount hits first, so that its side is right at silhouettes, too.
+    /// instance, and there the lowest primitive id; [`Rule::HalfOpen`] takes the one that a ray moved by an
+    /// infinitesimal amount hits first, so that its side is right at silhouettes, too.
     ///
     /// **A ray that touches a mesh may have a first hit by the closed rule and a count of 0 by the half-open one.**
     ///
@@ -126,8 +126,8 @@ pub trait RayQueries {
         self.target().list_hits(rays, rule, most)
     }
 
-    /// The point nearest to every point, at most `max_distance` away, which may be +∞; of equally near ones the one of the
-    /// first instance, and there the lowest primitive id. As [`super::Mesh::nearest_point`], for many points.
+    /// The point nearest to every point, at most `max_distance` away, which may be +∞; of equally near ones the one of
+    /// the first instance, and there the lowest primitive id. As [`super::Mesh::nearest_point`], for many points.
     ///
     /// # Panics
     /// If a column has not one row per point.
@@ -135,7 +135,8 @@ pub trait RayQueries {
         self.target().nearest_points(points, max_distance, columns);
     }
 
-    /// Calls `visit` with the index of a ray and a hit, for all hits of all rays: in any order, on many threads at once.
+    /// Calls `visit` with the index of a ray and a hit, for all hits of all rays: in any order, on many threads at
+    /// once.
     fn for_each_hit(&self, rays: &Rays<'_>, rule: Rule, visit: impl Fn(usize, &WorldHit) + Sync)
     where
         Self: Sized,
@@ -213,7 +214,7 @@ impl Target<'_> {
         visit: &mut dyn FnMut(usize, &Hit) -> bool,
     ) {
         match rule {
-            Rule::HalfOpen => self.visit_crossings(rays, first, len, |candidate, ray, crossing| {
+            Rule::HalfOpen => self.visit_crossings::<false>(rays, first, len, |candidate, ray, crossing| {
                 let more = visit(candidate.ray, &ray.hit(crossing, candidate.primitive));
                 if more { f32::INFINITY } else { -1.0 }
             }),
@@ -264,8 +265,11 @@ impl Target<'_> {
 
     fn at_least(&self, count: u32, rays: &Rays<'_>, rule: Rule, answers: &mut [bool]) {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
+        if count == 0 {
+            return answers.fill(true);
+        }
         in_parts(rays.len(), answers, SHARE_RAYS, |first, len, answers| {
-            answers.fill(count == 0);
+            answers.fill(false);
             let mut counts = vec![0; if count > 1 { len } else { 0 }];
             self.visit_hits(rays, first, len, rule, &mut |ray, _| {
                 if count > 1 {

@@ -1,5 +1,6 @@
 //! Ray queries against the oracle and against brute force.
 
+mod columns;
 mod counting;
 mod points;
 mod worlds;

@@ -15,7 +15,7 @@ pub use open_job::OpenJob;
 pub use scene_reader::SceneReader;
 
 use crate::contract::inside;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::MemoryBudget;
@@ -28,6 +28,7 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -68,6 +69,7 @@ pub struct RenderBackend {
     cache: MemoryCache<Arc<PreparedScene>>,
     loaded: LoadedScenes,
     viewer: Option<Arc<Tev>>,
+    is_ending: AtomicBool,
 }
 
 impl RenderBackend {
@@ -77,7 +79,7 @@ impl RenderBackend {
         let memory = memory.unwrap_or_else(|| MemoryBudget::of_machine().bytes() / 2);
         let weigh = |scene: &Arc<PreparedScene>| scene.scene.bytes() + scene.bvh.bytes() as u64;
         let (cache, memory) = (MemoryCache::new(memory, weigh), MemoryBudget::of_bytes(memory));
-        Self { registry, units, memory, cache, loaded, viewer: None }
+        Self { registry, units, memory, cache, loaded, viewer: None, is_ending: AtomicBool::new(false) }
     }
 
     /// The same, whose pictures and views a viewer shows.
@@ -142,9 +144,15 @@ impl RenderBackend {
                 return Ok(triangles);
             }
             self.loaded.make_room();
-            try_scene(spec, folder, flat.as_deref(), self.memory, time)
+            let command = scene_reading(spec, folder, flat.as_deref(), self.memory)?;
+            triangles_read(command, folder, time, &self.is_ending)
         });
         tried.map_err(|error| with_causes(&error))
+    }
+
+    /// Ends the processes that read scenes, and those that would: the service ends.
+    pub fn end(&self) {
+        self.is_ending.store(true, Relaxed);
     }
 
     /// Reads the scene of a job that has been checked, or finds it in the cache.
@@ -235,14 +243,13 @@ fn refuse_foreign_shaders(scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Runs a process that reads a scene and writes it to a flat file. Returns the number of triangles that it prints.
-fn try_scene(
+/// The process that reads a scene and writes it to a flat file.
+fn scene_reading(
     spec: &RenderSpec,
     folder: &Path,
     flat: Option<&Path>,
     memory: MemoryBudget,
-    time: Duration,
-) -> Result<u64> {
+) -> Result<Command> {
     let mut command = Command::new(std::env::current_exe().context("this program has no file")?);
     command.arg("check-scene").arg("--root").arg(folder).args(["--memory", &memory.bytes().to_string()]);
     if let Some(flat) = flat {
@@ -259,6 +266,16 @@ fn try_scene(
     }
     command.arg("--").arg(spec.scene.as_deref().unwrap_or(folder));
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    Ok(command)
+}
+
+/// Runs a process that reads a scene from `folder`, and prints the number of its triangles.
+fn triangles_read(
+    mut command: Command,
+    folder: &Path,
+    time: Duration,
+    is_ending: &AtomicBool,
+) -> Result<u64> {
     let mut child = command.spawn().context("no process can be started that reads the scene")?;
     // A process whose pipe is full waits for ever.
     let (printed, told) = (child.stdout.take().map(drain), child.stderr.take().map(drain));
@@ -267,9 +284,11 @@ fn try_scene(
         if let Some(status) = child.try_wait()? {
             break status;
         }
-        if began.elapsed() > time {
+        let is_ending = is_ending.load(Relaxed);
+        if is_ending || began.elapsed() > time {
             child.kill()?;
             child.wait()?;
+            ensure!(!is_ending, "the service ends");
             bail!("load_time: reading the scene took more than {} s, which is the limit", time.as_secs());
         }
         std::thread::sleep(LOOK);
@@ -299,4 +318,34 @@ fn drain(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
         }
         String::from_utf8_lossy(&kept).into_owned()
     })
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// What becomes of a shell that is to print a number of triangles within so many milliseconds.
+    fn read(script: &str, milliseconds: u64, is_ending: &AtomicBool) -> Result<u64> {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        triangles_read(command, Path::new("/scene"), Duration::from_millis(milliseconds), is_ending)
+    }
+
+    #[test]
+    fn processes_that_read_scenes_end_with_their_time_and_with_the_service() {
+        let goes_on = AtomicBool::new(false);
+        assert_eq!(read("yes | head -c 1000000 >&2; echo 7", 60_000, &goes_on).ok(), Some(7));
+        let told = |result: Result<u64>| result.expect_err("refused").to_string();
+        assert_eq!(told(read("echo 'error: /scene/a.obj: no' >&2; exit 2", 60_000, &goes_on)), "a.obj: no");
+        assert!(told(read("exec sleep 100", 20, &goes_on)).starts_with("load_time: "));
+        let began = Instant::now();
+        let ended = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(Duration::from_millis(50));
+                goes_on.store(true, Relaxed);
+            });
+            told(read("exec sleep 100", 60_000, &goes_on))
+        });
+        assert!(ended == "the service ends" && began.elapsed() < Duration::from_secs(50), "{ended}");
+    }
 }

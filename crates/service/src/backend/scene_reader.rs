@@ -36,6 +36,11 @@ impl SceneReader {
         self.backend.service()
     }
 
+    /// Reads no more, and ends the processes that do.
+    pub fn end(&self) {
+        self.backend.end();
+    }
+
     /// Lets go of what was read from a folder: its files may have been others.
     pub fn forget(&self, folder: &Path) {
         let start = format!("{}/", folder.display());

@@ -322,6 +322,7 @@ impl Runner {
         for run in self.state().runs.values() {
             run.tasks.iter().for_each(|(_, watch)| watch.stop());
         }
+        self.reader.end();
         if let Some(worker) = &self.own {
             worker.end();
         }

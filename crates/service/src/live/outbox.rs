@@ -19,8 +19,6 @@ struct Content {
     frame: Option<Frame>,
     files: VecDeque<Frame>,
     replies: VecDeque<Reply>,
-    /// Frames that newer ones have replaced.
-    replaced: u64,
 }
 
 impl fmt::Debug for Outbox {
@@ -42,7 +40,7 @@ impl Outbox {
     /// Replaces the frame that waits.
     pub fn put_frame(&self, frame: Frame) {
         let mut content = self.lock();
-        content.replaced += u64::from(content.frame.replace(frame).is_some());
+        content.frame = Some(frame);
         drop(content);
         (self.wake)();
     }
@@ -79,10 +77,5 @@ impl Outbox {
     /// Takes the oldest message.
     pub fn take(&self) -> Option<Reply> {
         self.lock().replies.pop_front()
-    }
-
-    /// Number of frames that were never sent, because newer ones replaced them.
-    pub fn replaced(&self) -> u64 {
-        self.lock().replaced
     }
 }

@@ -87,11 +87,6 @@ impl LiveViews {
         &self.limits
     }
 
-    /// Number of open views.
-    pub fn open_views(&self) -> usize {
-        self.open.load(Ordering::Relaxed)
-    }
-
     /// Opens a view.
     ///
     /// # Errors

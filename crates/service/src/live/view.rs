@@ -130,11 +130,6 @@ impl LiveView {
     pub fn take_reply(&self) -> Option<Reply> {
         self.outbox.take()
     }
-
-    /// Number of frames that newer ones have replaced before they were taken.
-    pub fn replaced_frames(&self) -> u64 {
-        self.outbox.replaced()
-    }
 }
 
 impl Drop for LiveView {

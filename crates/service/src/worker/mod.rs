@@ -206,6 +206,7 @@ impl Worker {
         self.drain();
         self.is_ending.store(true, Relaxed);
         lock(&self.active).values().for_each(|unit| unit.watch.stop());
+        self.reader.end();
     }
 
     /// Stops the units of a job.

@@ -35,6 +35,7 @@ impl Rays {
 /// What a task has done, in rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Done {
+    pub spawned: u64,
     pub traced: u64,
     pub shaded: u64,
 }
@@ -46,6 +47,7 @@ pub struct Frame {
     emitted: [f64; 2],
     /// The fractions that batches have left.
     rest: Mutex<[f64; 2]>,
+    spawned: AtomicU64,
     traced: AtomicU64,
     shaded: AtomicU64,
 }
@@ -57,6 +59,7 @@ impl Frame {
             tiles: (rays.camera / TILE_RAYS as f64).ceil() as u64,
             emitted: [rays.continuation / shaded, rays.shadow / shaded],
             rest: Mutex::default(),
+            spawned: AtomicU64::new(0),
             traced: AtomicU64::new(0),
             shaded: AtomicU64::new(0),
         }
@@ -65,7 +68,7 @@ impl Frame {
     /// What has been done since this was called last.
     pub fn take_done(&self) -> Done {
         let take = |count: &AtomicU64| count.swap(0, Relaxed) * GRAIN as u64;
-        Done { traced: take(&self.traced), shaded: take(&self.shaded) }
+        Done { spawned: take(&self.spawned), traced: take(&self.traced), shaded: take(&self.shaded) }
     }
 }
 
@@ -90,6 +93,7 @@ impl Renderer for Frame {
     }
 
     fn spawn(&self, _: u64, out: &mut Output<'_, (), ()>) {
+        self.spawned.fetch_add((TILE_RAYS / GRAIN) as u64, Relaxed);
         (0..TILE_RAYS / GRAIN).for_each(|_| out.ray(Ray::default(), ()));
     }
 
@@ -185,6 +189,7 @@ impl Ticket for Bundle {
             state.waited = Some((self.number, timeout.as_nanos() as f64));
             return Ok(None);
         }
+        state.waited = Some((self.number, 0.0));
         let of = |rays: u64| Box::new(Answer { rays, state: Arc::clone(&self.state) }) as Box<dyn Resolve>;
         Ok(Some(self.streams.iter().map(|&rays| of(rays)).collect()))
     }

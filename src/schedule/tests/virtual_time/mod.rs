@@ -24,6 +24,9 @@ use std::sync::{Arc, Mutex};
 /// From waking a thread until it runs.
 const WAKE_NS: f64 = 5e3;
 
+/// To take a stream from a device: to copy its rays into new memory.
+const RECLAIM_NS: f64 = 150e3;
+
 /// Who traces, and how.
 #[derive(Clone, Copy, Debug)]
 struct Run {
@@ -141,7 +144,8 @@ impl Run {
         let report = outbox.0.lock().unwrap().take().expect("the frame ends");
         let rays = (report.cpu.rays + report.gpu.rays) as f64;
         let seconds = report.wall_s;
-        let busy = simulation.clock.device_busy_ns * 1e-9 / seconds;
+        // A device may be busy with rays that host threads have traced again.
+        let busy = simulation.clock.device_busy_ns / simulation.clock.now();
         Outcome { seconds, device: report.gpu.rays as f64 / rays, busy }
     }
 }
@@ -173,9 +177,13 @@ impl Simulation {
             return Step::Compute(submit_ns);
         }
         if let Some((bundle, most_ns)) = queue.waited.take() {
-            return Step::Sleep((queue.readable[bundle] - queue.now).min(most_ns));
+            return Step::Sleep((queue.readable[bundle] - queue.now).clamp(0.0, most_ns));
         }
-        let Done { traced, shaded } = self.frame.take_done();
+        let done = self.frame.take_done();
+        if done == Done::default() && queue.resolved == 0 {
+            return Step::Compute(RECLAIM_NS);
+        }
+        let Done { traced, shaded, .. } = done;
         let resolved = std::mem::take(&mut queue.resolved) as f64 * resolve_ns;
         Step::Compute(traced as f64 * trace_ns + shaded as f64 * shade_ns + resolved)
     }

@@ -99,8 +99,8 @@ fn a_world_has_the_nearest_points_of_one_mesh_of_the_moved_corners() {
     assert!(found.2.contains(&0) && found.2.contains(&1));
 }
 
-/// True if a point is inside, or on the surface, by rational arithmetic: every triangle, and a ray that is moved until it
-/// passes no edge.
+/// True if a point is inside, or on the surface, by rational arithmetic: every triangle, and a ray that is moved until
+/// it passes no edge.
 fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
     let rational = |number: f64| BigRational::from_float(number).expect("finite");
     let vector = |v: DVec3| v.to_array().map(rational);

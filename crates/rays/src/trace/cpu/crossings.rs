@@ -2,8 +2,8 @@
 //! [`crate::geom::HalfOpenRay`] and what is counted, summed and listed by it.
 //!
 //! Rays are traced as streams, in lists and pairs as in `ray_lists`. At a leaf, edge functions in lanes say for which
-//! triangles the signs are certain. Those that the line certainly misses are dropped; all others are *candidates*, which
-//! a [`TriangleSink`] tests one by one.
+//! triangles the signs are certain. Those that the line certainly misses are dropped; all others are *candidates*,
+//! which a [`TriangleSink`] tests one by one.
 //!
 //! Unsafe code for rows, rays, lists and pairs. Invariants 1 to 7 are those of `substream` and `child_lists`.
 #![allow(unsafe_code, reason = "the invariants above")]
@@ -29,10 +29,13 @@ pub trait TriangleSink {
     /// Takes a triangle with its primitive id and its corners in the world, and the index of a ray that may cross it.
     /// Returns the `t` beyond which the ray needs no more triangles: +∞ for all, a negative number for none.
     fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32;
-}
 
-/// Candidates that are handed to the sink at once.
-const CANDIDATE_BATCH: usize = 64;
+    /// Number of triangles that are best handed over together: many, unless what [`TriangleSink::take`] returns saves
+    /// visits.
+    fn batch(&self) -> usize {
+        64
+    }
+}
 
 /// Follows rays in lists and pairs, as `RayVisitor` does, and hands candidates to a sink.
 pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
@@ -40,6 +43,8 @@ pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
     pub space: S,
     pub sub: &'a SubStream<'a>,
     pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+    /// [`TriangleSink::batch`] of the sink.
+    pub batch: usize,
 }
 
 impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S> {
@@ -65,7 +70,7 @@ impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S>
                 self.hand_over(stack);
                 return false;
             }
-            if stack.candidates.len() >= CANDIDATE_BATCH {
+            if stack.candidates.len() >= self.batch {
                 self.hand_over(stack);
             }
         }
@@ -109,8 +114,9 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
                     };
                 }
             }
-            if stack.candidates.len() >= CANDIDATE_BATCH {
-                // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant 5).
+            if stack.candidates.len() >= self.batch {
+                // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant
+                // 5).
                 unsafe { self.hand_over(stack) };
             }
         }
@@ -207,8 +213,8 @@ static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5,
 const ERRORS: f32 = 100.0 / (1 << 24) as f32;
 
 /// The lanes of `among` whose line may cross the triangle: all but those that two edges certainly have on different
-/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are not
-/// relative to the origin: so they are as exact as they can be.
+/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are
+/// not relative to the origin: so they are as exact as they can be.
 #[inline(always)]
 fn candidates<L: Lanes>(l: L, among: LaneBits, lines: &Lines<L>, triangle: &[LaneVec3<L>; 3]) -> LaneBits {
     let Lines { origin, direction } = lines;
@@ -239,6 +245,8 @@ fn largest<L: Lanes>(l: L, vectors: &[LaneVec3<L>; 3]) -> L::F {
 pub(super) struct CandidateVisits<'a, 's, W, E> {
     pub widths: Widths<W, E>,
     pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+    /// [`TriangleSink::batch`] of the sink.
+    pub batch: usize,
 }
 
 impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
@@ -250,7 +258,8 @@ impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
         octant: usize,
         stack: &mut OctantStack,
     ) {
-        let visitor = CandidateVisitor { widths: self.widths, space, sub, sink: self.sink };
+        let visitor =
+            CandidateVisitor { widths: self.widths, space, sub, sink: self.sink, batch: self.batch };
         // SAFETY: the caller's contract.
         while unsafe { visitor.step(octant, stack) } {}
     }

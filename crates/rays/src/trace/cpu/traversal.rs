@@ -127,7 +127,7 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
     scratch: &mut Scratch,
 ) {
     const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
-    let tree = TreeView::new(bvh.wide(), None);
+    let (tree, batch) = (TreeView::new(bvh.wide(), None), sink.batch());
     let Scratch { rows, shafts, stacks, local, .. } = scratch;
     local.clear();
     for stack in stacks.iter_mut() {
@@ -142,13 +142,15 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
         // No answers are written.
         let answers = AnswerPointer::Occluded(ptr::null_mut());
         let sub = SubStream { tree, rows: rows.as_mut_ptr(), rays: rays.as_ptr(), shafts, answers };
-        // SAFETY: as in `trace`; a `CandidateVisitor` writes no answers.
+        // SAFETY: the rows and lists are those of `prepare` for these rays (invariants 1 and 2), and a
+        // `CandidateVisitor` writes no answers; 3 as reserved above; 4, because visits start at the root; 5 to 7,
+        // because nothing else is pending.
         unsafe {
             if bvh.instances().is_empty() {
-                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink };
+                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink, batch };
                 traverse(&visitor, stacks, &counts);
             } else {
-                let visits = CandidateVisits { widths, sink: &sink };
+                let visits = CandidateVisits { widths, sink: &sink, batch };
                 instances::traverse(widths, &visits, &sub, bvh.instances(), stacks, &counts, local);
             }
         }

@@ -1,0 +1,84 @@
+//! Geometric normals of many hits: corners that are still to come are prefetched, and eight normals computed at once.
+
+use super::columns::Divide;
+use crate::bvh::{Bvh, WIDTH};
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
+use crate::stream::Hit;
+
+/// Number of hits between the prefetch of a triangle's place and its use.
+const PREFETCH_PLACE: usize = 4 * WIDTH;
+
+/// Number of hits between the prefetch of a triangle and its use.
+const PREFETCH_TRIANGLE: usize = 2 * WIDTH;
+
+/// Writes the normals of hits, with the bits of [`super::Mesh::normal`]; 0 for misses.
+///
+/// # Panics
+/// If there is not one row for each hit, or the tree has no such primitive.
+pub(super) fn write_normals(bvh: &Bvh, hits: &[Hit], column: &mut [[f32; 3]]) {
+    assert_eq!(hits.len(), column.len(), "one row per hit");
+    SimdLevel::run_eight(Normals { bvh, hits, column });
+}
+
+struct Normals<'a> {
+    bvh: &'a Bvh,
+    hits: &'a [Hit],
+    column: &'a mut [[f32; 3]],
+}
+
+impl LaneTask for Normals<'_> {
+    type Output = ();
+
+    /// In `f64`, which has no lanes; but loops of eight become instructions for several.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { bvh, hits, mut column } = self;
+        for at in (0..hits.len()).step_by(WIDTH) {
+            let some = &hits[at..hits.len().min(at + WIDTH)];
+            for ahead in at..at + some.len() {
+                if let Some(hit) = hits.get(ahead + PREFETCH_PLACE)
+                    && !hit.is_miss()
+                {
+                    bvh.prefetch_reference(hit.primitive);
+                }
+                if let Some(hit) = hits.get(ahead + PREFETCH_TRIANGLE)
+                    && !hit.is_miss()
+                {
+                    bvh.prefetch_triangle(hit.primitive);
+                }
+            }
+            let (mut ab, mut ac) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
+            for (row, hit) in some.iter().enumerate() {
+                if hit.is_miss() {
+                    continue;
+                }
+                let [a, b, c] = bvh.corners_and_mask(hit.primitive).0;
+                for axis in 0..3 {
+                    ab[axis][row] = f64::from(b[axis]) - f64::from(a[axis]);
+                    ac[axis][row] = f64::from(c[axis]) - f64::from(a[axis]);
+                }
+            }
+            let normals = unit_normals(&ab, &ac);
+            for (row, to) in column.split_first(some.len()).iter_mut().enumerate() {
+                *to = [normals[0][row], normals[1][row], normals[2][row]];
+            }
+        }
+    }
+}
+
+/// The cross products of eight pairs of vectors, divided by their lengths; 0 where there is no length.
+#[inline(always)]
+fn unit_normals(ab: &[[f64; WIDTH]; 3], ac: &[[f64; WIDTH]; 3]) -> [[f32; WIDTH]; 3] {
+    let mut normals = [[0.0; WIDTH]; 3];
+    for row in 0..WIDTH {
+        let x = ab[1][row] * ac[2][row] - ac[1][row] * ab[2][row];
+        let y = ab[2][row] * ac[0][row] - ac[2][row] * ab[0][row];
+        let z = ab[0][row] * ac[1][row] - ac[0][row] * ab[1][row];
+        let scale = 1.0 / (x * x + y * y + z * z).sqrt();
+        let is_long = scale < f64::INFINITY && scale > 0.0;
+        normals[0][row] = if is_long { (x * scale) as f32 } else { 0.0 };
+        normals[1][row] = if is_long { (y * scale) as f32 } else { 0.0 };
+        normals[2][row] = if is_long { (z * scale) as f32 } else { 0.0 };
+    }
+    normals
+}
