@@ -110,7 +110,7 @@ pub trait RayQueries {
     }
 
     /// The sum of a number of each triangle over all hits of every ray: the exact sum, rounded once. A world has the
-    /// numbers of one instance after the other.
+    /// numbers of one instance after the other, of those that can be hit.
     ///
     /// # Panics
     /// If there is not one number for each triangle, or one sum per ray.
