@@ -115,15 +115,14 @@ impl HalfOpenRay {
         let (low, high) = (t - 2.0 * error, t + 2.0 * error);
         // NaN fails the comparisons.
         let precise = error >= 0.0 && error <= t.abs() * LARGEST_ERROR;
-        let sum = u.value + v.value + w.value;
-        let crossing = |sum: f64, t: f64| Crossing {
+        let crossing = |facing: f64, t: f64| Crossing {
             t,
-            u: (u.value / sum).clamp(0.0, 1.0) as f32,
-            v: (v.value / sum).clamp(0.0, 1.0) as f32,
+            u: (u.value / facing).clamp(0.0, 1.0) as f32,
+            v: (v.value / facing).clamp(0.0, 1.0) as f32,
             front: side < 0,
         };
         if precise && low > self.t_min && high < self.t_max {
-            return Some(crossing(sum, t));
+            return Some(crossing(facing.value, t));
         }
         if error >= 0.0 && (high < self.t_min || low > self.t_max) {
             return None;

@@ -58,7 +58,8 @@ pub struct Interpolated<'a> {
 /// Column of numbers of the triangles that are hit.
 #[derive(Debug)]
 pub struct Attribute<'a> {
-    /// A number for each triangle; for a world those of one instance after the other.
+    /// A number for each triangle; for a world those of one instance after the other, of
+    /// those that can be hit.
     pub of_triangles: &'a [f32],
     /// The column.
     pub column: &'a mut [f32],

@@ -1,6 +1,6 @@
 //! Rays as callers have them: arrays of `f32` or `f64`, in any units.
 
-use crate::geom::HalfOpenRay;
+use crate::geom::{HalfOpenRay, MAX_COORDINATE};
 use crate::stream::Ray;
 use glam::{DVec3, Vec3};
 
@@ -35,8 +35,9 @@ pub enum Rule {
 
 /// Rays in arrays of the caller.
 ///
-/// Directions are any finite vectors but zero, whose length is the unit of `t`. A ray with another direction, or with a
-/// coordinate that is NaN or infinite, or an origin beyond [`crate::geom::MAX_COORDINATE`], hits nothing.
+/// Directions are any finite vectors but zero, whose length is the unit of `t`. A ray with another direction, with a
+/// coordinate that is NaN or infinite, or with an origin beyond [`MAX_COORDINATE`] hits nothing, and so does a segment
+/// with such an end.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Rays<'a> {
@@ -198,7 +199,14 @@ impl Rays<'_> {
     pub(super) fn prepare(&self, index: usize, center: DVec3) -> PreparedRay {
         let Source { from, to, t_min, t_max, is_segment } = self.get(index);
         let from = from - center;
-        let direction = if is_segment { to - center - from } else { to };
+        let direction = match is_segment {
+            true if (to - center).abs().cmple(DVec3::splat(MAX_COORDINATE.into())).all() => {
+                to - center - from
+            }
+            // Nothing is hit.
+            true => DVec3::ZERO,
+            false => to,
+        };
         let largest = direction.abs().max_element();
         let scale = if UNSCALED.contains(&largest) { 1.0 } else { power_of_two(largest) };
         let direction = (direction / scale).as_vec3().to_array();

@@ -16,7 +16,12 @@ use std::collections::TryReserveError;
 thread_local! {
     /// Rays and hits of a share.
     static BUFFERS: Cell<(Vec<Ray>, Vec<Hit>)> = const { Cell::new((Vec::new(), Vec::new())) };
+    /// Hits with the indices of their rays, before they are sorted.
+    static FOUND: Cell<Vec<(u32, Hit)>> = const { Cell::new(Vec::new()) };
 }
+
+/// The most hits that a thread keeps memory for.
+const KEPT_HITS: usize = 1 << 20;
 
 /// The most rays whose exact sums one thread keeps at a time.
 const SUMMED_AT_ONCE: usize = 4096;
@@ -110,7 +115,7 @@ pub trait RayQueries {
     }
 
     /// The sum of a number of each triangle over all hits of every ray: the exact sum, rounded once. A world has the
-    /// numbers of one instance after the other.
+    /// numbers of one instance after the other, of those that can be hit.
     ///
     /// # Panics
     /// If there is not one number for each triangle, or one sum per ray.
@@ -305,24 +310,27 @@ impl Target<'_> {
         let count = rays.len();
         let starts: Vec<usize> = (0..count).step_by(SHARE_RAYS).collect();
         let list = |&first: &usize| self.list_part(rays, first, SHARE_RAYS.min(count - first), rule, most);
-        let parts: Vec<HitLists> = if count <= SHARE_RAYS {
+        let mut parts: Vec<HitLists> = if count <= SHARE_RAYS {
             starts.iter().map(list).collect::<Result<_, _>>()?
         } else {
             starts.par_iter().map(list).collect::<Result<_, _>>()?
         };
+        if parts.len() == 1 {
+            return Ok(parts.swap_remove(0));
+        }
         let mut all = HitLists::default();
         all.hits.try_reserve_exact(parts.iter().map(|part| part.hits.len()).sum())?;
         all.offsets.try_reserve_exact(count + 1)?;
         all.offsets.push(0);
         for part in parts {
             let before = all.hits.len();
-            all.offsets.extend(part.offsets.into_iter().map(|end| before + end));
+            all.offsets.extend(part.offsets[1..].iter().map(|end| before + end));
             all.hits.extend(part.hits);
         }
         Ok(all)
     }
 
-    /// The hits of consecutive rays; `offsets` has the end of each ray's hits.
+    /// The hits of consecutive rays.
     fn list_part(
         &self,
         rays: &Rays<'_>,
@@ -331,40 +339,50 @@ impl Target<'_> {
         rule: Rule,
         most: usize,
     ) -> Result<HitLists, TryReserveError> {
-        let (mut found, mut ends, mut refused) = (Vec::new(), vec![0; len + 1], None);
+        let (mut found, mut offsets, mut refused) = (FOUND.take(), vec![0; len + 1], None);
+        found.clear();
         self.visit_hits(rays, first, len, rule, &mut |ray, hit| {
             if let Err(error) = found.try_reserve(1) {
                 refused = Some(error);
                 return false;
             }
             found.push((ray as u32, *hit));
-            ends[ray + 1] += 1;
+            offsets[ray + 1] += 1;
             true
         });
         if let Some(error) = refused {
             return Err(error);
         }
-        // Sorted by ray: each goes to the next place of its ray.
         for ray in 0..len {
-            ends[ray + 1] += ends[ray];
+            offsets[ray + 1] += offsets[ray];
         }
-        let mut sorted: Vec<Hit> = Vec::new();
-        sorted.try_reserve_exact(found.len())?;
-        sorted.resize(found.len(), Hit::NONE);
-        let mut next = ends.clone();
-        for (ray, hit) in found {
-            sorted[next[ray as usize]] = hit;
-            next[ray as usize] += 1;
+        let mut hits: Vec<WorldHit> = Vec::new();
+        hits.try_reserve_exact(found.len())?;
+        hits.resize(found.len(), WorldHit::NONE);
+        // Each goes to the next place of its ray.
+        let mut next = offsets.clone();
+        for (ray, hit) in &found {
+            let place = &mut next[*ray as usize];
+            hits[*place] = self.world_hit(hit);
+            *place += 1;
         }
-        let mut part = HitLists { offsets: Vec::with_capacity(len), hits: Vec::new() };
-        part.hits.try_reserve(sorted.len())?;
+        if found.capacity() <= KEPT_HITS {
+            FOUND.set(found);
+        }
+        let by_place = |hit: &WorldHit| (hit.instance, hit.primitive);
+        let mut kept = 0;
         for ray in 0..len {
-            let hits = &mut sorted[ends[ray]..ends[ray + 1]];
-            hits.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
-            part.hits.extend(hits.iter().take(most).map(|hit| self.world_hit(hit)));
-            part.offsets.push(part.hits.len());
+            let (start, end) = (offsets[ray], offsets[ray + 1]);
+            let of_ray = &mut hits[start..end];
+            of_ray.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then_with(|| by_place(a).cmp(&by_place(b))));
+            let count = of_ray.len().min(most);
+            hits.copy_within(start..start + count, kept);
+            offsets[ray] = kept;
+            kept += count;
         }
-        Ok(part)
+        offsets[len] = kept;
+        hits.truncate(kept);
+        Ok(HitLists { offsets, hits })
     }
 }
 

@@ -8,6 +8,7 @@ use crate::query::*;
 use glam::{DVec3, Vec3};
 use num_rational::BigRational;
 use num_traits::Signed;
+use rayon::prelude::*;
 
 /// Triangles of all sizes and forms: slivers, segments and points, too.
 fn soup(count: u32, size: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
@@ -140,13 +141,25 @@ fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
 
 #[test]
 fn sides_are_those_of_rational_arithmetic() {
+    check_sides(250);
+}
+
+/// The long run of [`sides_are_those_of_rational_arithmetic`]: a hundred thousand points.
+#[test]
+#[ignore = "takes minutes"]
+fn sides_of_a_hundred_thousand_points_are_right() {
+    check_sides(50_000);
+}
+
+/// Checks the sides of so many points on and near the surface of each shape.
+fn check_sides(count: u32) {
     let (mut inside, mut outside) = (0, 0);
     for shape in [cuboid("box", 2), sphere("bumpy", 1, 0.2)] {
         let positions: Vec<Vec3> = shape.positions.iter().map(|p| p.as_vec3()).collect();
         let mesh = Mesh::build(&positions, &shape.triangles).expect("sound");
         let corners: Vec<[Vec3; 3]> =
             shape.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-        let points: Vec<[f32; 3]> = (0..250u32)
+        let points: Vec<[f32; 3]> = (0..count)
             .map(|i| {
                 let [a, b, c] = corners[mix(i) as usize % corners.len()];
                 let p = match i % 5 {
@@ -162,14 +175,15 @@ fn sides_are_those_of_rational_arithmetic() {
         let (mut found, mut distances) = (vec![false; points.len()], vec![0.0; points.len()]);
         mesh.contains(&Points::F32(&points), &mut found).expect("closed");
         mesh.signed_distances(&Points::F32(&points), &mut distances).expect("closed");
-        for (i, (&at, found)) in points.iter().zip(found).enumerate() {
-            let expected = is_inside(Vec3::from(at).as_dvec3(), &corners);
+        let expected: Vec<bool> =
+            points.par_iter().map(|&at| is_inside(Vec3::from(at).as_dvec3(), &corners)).collect();
+        for (i, (expected, found)) in expected.into_iter().zip(found).enumerate() {
             assert_eq!(found, expected, "{}, point {i}", shape.name);
             assert!(if expected { distances[i] <= 0.0 } else { distances[i] >= 0.0 });
             if expected { inside += 1 } else { outside += 1 }
         }
     }
-    assert!(inside > 150 && outside > 50, "{inside} inside, {outside} outside");
+    assert!(inside > count / 2 && outside > count / 5, "{inside} inside, {outside} outside");
 }
 
 #[test]
