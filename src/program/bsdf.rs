@@ -178,7 +178,7 @@ impl BsdfShader {
         for &(argument, register) in registers_of {
             columns.set_chunk(register, arguments[argument]);
         }
-        kernel.run(L::LANES, &self.file, &columns, L::LANES);
+        kernel.run_vector(l, &self.file, &columns);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
             *result = columns.int(l, register, 0).to_num_bits();

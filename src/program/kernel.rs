@@ -2,9 +2,9 @@
 
 use super::code::Code;
 use super::operation::CHUNK;
-use super::run::{Columns, run_alone};
+use super::run::{Columns, run_alone, run_alone_in};
 use super::source::{Fault, Source};
-use crate::lanes::{MAX_LANES, SimdLevel, for_pairs};
+use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
 use crate::scene::{FieldType, POINT_FIELDS, PointSink};
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -58,6 +58,17 @@ impl Kernel {
     /// When a loop takes too many turns.
     pub fn run(&self, lanes: usize, file: &str, columns: &Columns, points: usize) {
         if let Err(endless) = run_alone(SimdLevel::of_lanes(lanes), &self.code, columns, points) {
+            endless_loop(file, endless.line);
+        }
+    }
+
+    /// Runs the function at the points of one vector.
+    ///
+    /// # Panics
+    /// When a loop takes too many turns.
+    #[inline(always)]
+    pub fn run_vector<L: Lanes>(&self, l: L, file: &str, columns: &Columns) {
+        if let Err(endless) = run_alone_in(l, &self.code, columns, L::LANES) {
             endless_loop(file, endless.line);
         }
     }

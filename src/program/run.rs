@@ -4,7 +4,7 @@ use super::code::{Code, Instruction, Register};
 use super::integrator::{Host, HostCall};
 use super::native::Native;
 use super::operation::{CHUNK, Operand};
-use crate::lanes::{LaneTask, Lanes, Num, SimdLevel, each, for_pairs, for_pairs_mut};
+use crate::lanes::{LaneTask, Lanes, Num, OutlinedTask, SimdLevel, each, for_pairs, for_pairs_mut};
 use std::cell::Cell;
 
 /// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
@@ -90,8 +90,7 @@ impl Columns {
     }
 }
 
-/// Runs a program that calls no host functions at the first points of a block: the least multiple of [`CHUNK`] that is
-/// not below `points`.
+/// [`run_alone_in`] the lanes of a level.
 ///
 /// # Errors
 /// When a loop takes too many turns.
@@ -101,14 +100,44 @@ pub(super) fn run_alone(
     columns: &Columns,
     points: usize,
 ) -> Result<(), Endless> {
+    level.run(Alone { code, columns, points })
+}
+
+struct Alone<'a> {
+    code: &'a Code,
+    columns: &'a Columns,
+    points: usize,
+}
+
+impl LaneTask for Alone<'_> {
+    type Output = Result<(), Endless>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        run_alone_in(l, self.code, self.columns, self.points)
+    }
+}
+
+/// Runs a program that calls no host functions at the first points of a block: the least multiple of [`CHUNK`] that is
+/// not below `points`.
+///
+/// # Errors
+/// When a loop takes too many turns.
+#[inline(always)]
+pub(super) fn run_alone_in<L: Lanes>(
+    l: L,
+    code: &Code,
+    columns: &Columns,
+    points: usize,
+) -> Result<(), Endless> {
     let points = points.next_multiple_of(CHUNK).min(columns.block);
-    match level.run(UntilHost { code, columns, points, at: &mut 0, spent: &mut 0 })? {
+    match l.outlined(UntilHost { code, columns, points, at: &mut 0, spent: &mut 0 })? {
         None => Ok(()),
         Some(call) => unreachable!("`{}` in a shader without a host", call.function.name()),
     }
 }
 
-/// [`run_alone`] for programs that call functions of a host.
+/// [`run_alone_in`] for programs that call functions of a host.
 ///
 /// # Errors
 /// When a loop takes too many turns.
@@ -124,7 +153,7 @@ pub(super) fn run<L: Lanes>(
     let (mut at, mut spent) = (0, 0);
     loop {
         let until_host = UntilHost { code, columns, points, at: &mut at, spent: &mut spent };
-        let Some(call) = SimdLevel::of_lanes(L::LANES).run(until_host)? else { return Ok(()) };
+        let Some(call) = l.outlined(until_host)? else { return Ok(()) };
         host.call(l, &call);
     }
 }
@@ -141,11 +170,11 @@ struct UntilHost<'a> {
     spent: &'a mut u64,
 }
 
-impl<'a> LaneTask for UntilHost<'a> {
+impl<'a, L: Lanes> OutlinedTask<L> for UntilHost<'a> {
     type Output = Result<Option<HostCall<'a>>, Endless>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Self::Output {
+    fn run(self, l: L) -> Self::Output {
         let Self { code, columns, points, at: at_next, spent } = self;
         let mut at = *at_next;
         while let Some(instruction) = code.instructions.get(at) {

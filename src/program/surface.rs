@@ -160,7 +160,7 @@ impl Procedural for PatternShader {
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let columns = self.kernel.columns(CHUNK);
         points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns, L::LANES));
-        self.kernel.run(L::LANES, &self.file, &columns, L::LANES);
+        self.kernel.run_vector(points.lanes(), &self.file, &columns);
         let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
         self.kernel.keep(columns);
         finish
