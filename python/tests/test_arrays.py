@@ -91,6 +91,10 @@ class Arguments(unittest.TestCase):
         broken[6, 2] = np.inf
         with self.assertRaisesRegex(ValueError, "vertex 6"):
             rs.Mesh(broken, FACES)
+        broken = CORNERS.astype(np.float64) + 5000
+        broken[3] = 5001, np.nan, 5002
+        with self.assertRaisesRegex(ValueError, r"vertex 3 is at \[5001, NaN, 5002\]"):
+            rs.Mesh(broken, FACES)
         for faces, message in (([[0, 1, 8]], "triangle 0 names vertex 8"), ([[0, 1, -1]], "vertex -1")):
             with self.assertRaisesRegex(ValueError, message):
                 rs.Mesh(CORNERS, faces)

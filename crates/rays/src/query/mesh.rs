@@ -88,7 +88,14 @@ impl Mesh {
         let middle = 0.5 * low + 0.5 * high;
         let center = if middle.is_finite() { middle } else { DVec3::ZERO };
         let relative: Vec<Vec3> = points().map(|point| (point - center).as_vec3()).collect();
-        Ok(Self { center, ..Self::build(&relative, triangles)? })
+        let mesh = Self::build(&relative, triangles).map_err(|error| match error {
+            // At the caller's coordinates.
+            GeometryError::Position { vertex, .. } => {
+                GeometryError::Position { vertex, at: DVec3::from_array(positions[vertex]).as_vec3() }
+            }
+            error => error,
+        })?;
+        Ok(Self { center, ..mesh })
     }
 
     /// The point that the stored coordinates are relative to: zero, but for [`Mesh::build64`].
