@@ -78,6 +78,15 @@ impl Columns {
         }
     }
 
+    /// A register as operations read it, of columns that have one chunk if `CHUNK_ALONE` says so.
+    #[inline(always)]
+    fn found<const CHUNK_ALONE: bool>(&self, register: Register, points: usize) -> Operand<'_> {
+        match CHUNK_ALONE {
+            true => Operand { words: &self.words[register as usize * CHUNK..][..CHUNK], mask: 0 },
+            false => self.operand(register, points),
+        }
+    }
+
     /// A register as operations read it.
     #[inline(always)]
     pub(super) fn operand(&self, register: Register, points: usize) -> Operand<'_> {
@@ -131,7 +140,12 @@ pub(super) fn run_alone_in<L: Lanes>(
     points: usize,
 ) -> Result<(), Endless> {
     let points = points.next_multiple_of(CHUNK).min(columns.block);
-    match l.outlined(UntilHost { code, columns, points, at: &mut 0, spent: &mut 0 })? {
+    let (at, spent) = (&mut 0, &mut 0);
+    let call = match columns.block == CHUNK {
+        true => l.outlined(UntilHost::<true> { code, columns, points, at, spent })?,
+        false => l.outlined(UntilHost::<false> { code, columns, points, at, spent })?,
+    };
+    match call {
         None => Ok(()),
         Some(call) => unreachable!("`{}` in a shader without a host", call.function.name()),
     }
@@ -152,7 +166,7 @@ pub(super) fn run<L: Lanes>(
     let points = points.next_multiple_of(CHUNK).min(columns.block);
     let (mut at, mut spent) = (0, 0);
     loop {
-        let until_host = UntilHost { code, columns, points, at: &mut at, spent: &mut spent };
+        let until_host = UntilHost::<false> { code, columns, points, at: &mut at, spent: &mut spent };
         let Some(call) = l.outlined(until_host)? else { return Ok(()) };
         host.call(l, &call);
     }
@@ -160,7 +174,10 @@ pub(super) fn run<L: Lanes>(
 
 /// Runs a program up to its next call of the host. All programs run in this one function of each level: it has a loop
 /// for every operation, and wherever it were inlined the compiler would take many seconds.
-struct UntilHost<'a> {
+///
+/// `CHUNK_ALONE` says that the columns have one chunk: then registers are found without a question, and no loop over
+/// chunks is left. Of few points most of the time goes there.
+struct UntilHost<'a, const CHUNK_ALONE: bool> {
     code: &'a Code,
     columns: &'a Columns,
     points: usize,
@@ -170,19 +187,20 @@ struct UntilHost<'a> {
     spent: &'a mut u64,
 }
 
-impl<'a, L: Lanes> OutlinedTask<L> for UntilHost<'a> {
+impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CHUNK_ALONE> {
     type Output = Result<Option<HostCall<'a>>, Endless>;
 
     #[inline(always)]
     fn run(self, l: L) -> Self::Output {
         let Self { code, columns, points, at: at_next, spent } = self;
+        let points = if CHUNK_ALONE { CHUNK } else { points };
         let mut at = *at_next;
         while let Some(instruction) = code.instructions.get(at) {
             at += 1;
             match instruction {
                 Instruction::Compute { operation, operands, to } => {
-                    let operands = each(*operands, |register| columns.operand(register, points));
-                    operation.chunks(operands, columns.column(*to, points));
+                    let operands = each(*operands, |register| columns.found::<CHUNK_ALONE>(register, points));
+                    operation.chunks(operands, &columns.found::<CHUNK_ALONE>(*to, points).words[..points]);
                 }
                 Instruction::Call { native, operands, results } => {
                     call(l, *native, columns, code.list(operands), code.list(results), points);
@@ -198,13 +216,13 @@ impl<'a, L: Lanes> OutlinedTask<L> for UntilHost<'a> {
                     element(columns, from, *index, *to, points);
                 }
                 Instruction::Skip { mask, to } => {
-                    if is_empty(columns.operand(*mask, points).words) {
+                    if is_empty(columns.found::<CHUNK_ALONE>(*mask, points).words) {
                         at = *to as usize;
                     }
                 }
                 Instruction::Repeat { mask, to, line } => {
                     *spent += (at - *to as usize) as u64;
-                    if is_empty(columns.operand(*mask, points).words) {
+                    if is_empty(columns.found::<CHUNK_ALONE>(*mask, points).words) {
                         continue;
                     }
                     if *spent > BUDGET {
