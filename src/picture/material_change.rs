@@ -87,8 +87,8 @@ impl MaterialChange {
         if scene.materials.iter().all(|other| other.name != *material) {
             return Err(scene.no_such_material(material)).with_context(named);
         }
-        let changed = scene.materials.iter_mut().filter(|other| other.name == *material);
-        changed.map(|material| edit.apply(material)).collect::<Result<(), _>>().with_context(named)
+        let mut changed = scene.materials.iter_mut().filter(|other| other.name == *material);
+        changed.try_for_each(|material| edit.apply(material)).with_context(named)
     }
 }
 
@@ -123,8 +123,8 @@ mod tests {
 
     #[test]
     fn all_materials_of_the_name_change() {
-        let mut scene = Scene::default();
-        scene.materials = ["wall", "door", "wall"].map(|name| Material::matte(name, Vec3::ONE)).into();
+        let materials = ["wall", "door", "wall"].map(|name| Material::matte(name, Vec3::ONE)).into();
+        let mut scene = Scene { materials, ..Scene::default() };
         let change: MaterialChange = "wall,base-colour=1,0,0".parse().expect("a change");
         change.apply(&mut scene).expect("there are walls");
         let colours: Vec<_> = scene.materials.iter().map(Material::flat_colour).collect();
