@@ -163,7 +163,7 @@ fn tile_ask(rows: u32) -> TileAsk {
     TileAsk {
         view: u64::MAX,
         frame: 3,
-        spec,
+        spec: Box::new(spec),
         shaders: [("wall.wgsl".to_owned(), "fn pattern".to_owned())].into(),
         rows: 0..rows,
         is_metered: true,

@@ -32,7 +32,7 @@ pub struct TileAsk {
     pub frame: u64,
     /// The whole frame: size, samples, bounces, seed, camera, look, materials, surfaces, and nothing else. Its exposure
     /// is a number of stops.
-    pub spec: RenderSpec,
+    pub spec: Box<RenderSpec>,
     /// The shaders of its surfaces.
     pub shaders: ShaderTexts,
     /// The rows of the tile. The first one is a multiple of [`crate::live::STRIP_ROWS`].

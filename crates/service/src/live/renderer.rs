@@ -243,7 +243,7 @@ impl Renderer {
             Request::Save { format } => self.encoder.save(format),
             Request::Spec => {
                 let (spec, shaders) = (self.wanted.spec.spec().clone(), self.wanted.spec.texts().clone());
-                self.outbox.put(Reply::Spec { spec, shaders });
+                self.outbox.put(Reply::Spec { spec: Box::new(spec), shaders });
             }
             // Credits are the connection's affair.
             Request::Ack { .. } => {}

@@ -58,7 +58,7 @@ pub enum Reply {
     /// The picture that the view shows when it rests, as data: `raystream render --options` makes the same one.
     Spec {
         /// The picture. Its scene is the id of an upload, or the name of the file that the view was opened with.
-        spec: RenderSpec,
+        spec: Box<RenderSpec>,
         /// The files that it names for surfaces, with their texts.
         shaders: ShaderTexts,
     },

@@ -26,7 +26,7 @@ impl Renderer {
         let ask = TileAsk {
             view: 0,
             frame: 0,
-            spec: self.wanted.spec.tile(&settings, &look),
+            spec: Box::new(self.wanted.spec.tile(&settings, &look)),
             shaders: self.wanted.spec.texts().clone(),
             rows: 0..0,
             is_metered: self.wanted.spec.spec().look.exposure == Exposure::Auto,
