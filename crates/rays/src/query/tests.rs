@@ -12,6 +12,11 @@ use crate::trace::cpu::{Oracle, SimdLevel};
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3, Vec4};
 use std::sync::Arc;
 
+/// The number that a variable of the environment gives, for a long run, or the usual one.
+fn long_run(variable: &str, usual: u32) -> u32 {
+    std::env::var(variable).map_or(usual, |text| text.parse().expect("a number"))
+}
+
 /// A number of -1 to 1.
 fn signed(i: u32) -> f32 {
     (mix(i) >> 8) as f32 / (1 << 23) as f32 - 1.0

@@ -1,6 +1,6 @@
 //! Counts, lists and sides by the half-open rule, on rays that are aimed at corners and edges.
 
-use super::{pool, signed};
+use super::{long_run, pool, signed};
 use crate::geom::{HalfOpenRay, mix};
 use crate::query::tree_tracers::TreeTracers;
 use crate::query::*;
@@ -162,28 +162,16 @@ fn check_parities(shape: &Shape, size: f64, offset: f64, count: u32) {
     assert_eq!(wrong(&counts), 0, "{}", label("f32"));
 }
 
+/// `RAYSTREAM_QUERY_RAYS` is the number of rays for each shape, size and offset, in `f32` and in `f64`.
 #[test]
 fn parities_are_right_through_corners_and_edges() {
+    let count = long_run("RAYSTREAM_QUERY_RAYS", 1500);
     for shape in &shapes() {
-        for size in [1e-8, 1e-4, 1.0, 1e4, 1e8] {
-            check_parities(shape, size, 0.0, 3000);
-        }
-        for offset in [1e3, 1e6] {
-            check_parities(shape, 1.0, offset, 3000);
-        }
-    }
-}
-
-/// The long run of [`parities_are_right_through_corners_and_edges`]: ten million rays.
-#[test]
-#[ignore = "takes minutes"]
-fn parities_of_ten_million_rays_are_right() {
-    for shape in &shapes() {
-        for (size, offset) in [1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8].map(|size| (size, 0.0)) {
-            check_parities(shape, size, offset, 100_000);
+        for size in [1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8] {
+            check_parities(shape, size, 0.0, count);
         }
         for offset in [1e1, 1e2, 1e3, 1e4, 1e5, 1e6] {
-            check_parities(shape, 1.0, offset, 100_000);
+            check_parities(shape, 1.0, offset, count);
         }
     }
 }

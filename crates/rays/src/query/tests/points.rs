@@ -1,7 +1,7 @@
 //! Nearest points in lanes, and the sides of points against rational arithmetic.
 
 use super::counting::{cuboid, sphere};
-use super::{hills, point, pool, signed};
+use super::{hills, long_run, point, pool, signed};
 use crate::geom::mix;
 use crate::query::nearest::nearest;
 use crate::query::*;
@@ -139,20 +139,10 @@ fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
     unreachable!("some direction passes no edge")
 }
 
+/// `RAYSTREAM_QUERY_POINTS` is the number of points on and near the surface of each shape.
 #[test]
 fn sides_are_those_of_rational_arithmetic() {
-    check_sides(250);
-}
-
-/// The long run of [`sides_are_those_of_rational_arithmetic`]: a hundred thousand points.
-#[test]
-#[ignore = "takes minutes"]
-fn sides_of_a_hundred_thousand_points_are_right() {
-    check_sides(50_000);
-}
-
-/// Checks the sides of so many points on and near the surface of each shape.
-fn check_sides(count: u32) {
+    let count = long_run("RAYSTREAM_QUERY_POINTS", 250);
     let (mut inside, mut outside) = (0, 0);
     for shape in [cuboid("box", 2), sphere("bumpy", 1, 0.2)] {
         let positions: Vec<Vec3> = shape.positions.iter().map(|p| p.as_vec3()).collect();
