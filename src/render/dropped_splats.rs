@@ -2,7 +2,7 @@
 
 use super::Frame;
 use crate::film::Film;
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use glam::Vec3;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -55,6 +55,28 @@ impl DroppedSplats {
     }
 }
 
+/// [`Frame::splat_lanes`], out of line: few hits shine, and shaders splat at several places.
+struct Splat<'a, L: Lanes> {
+    frame: &'a Frame,
+    material: Option<u32>,
+    lanes: Mask<L>,
+    pixel: Int<L>,
+    radiance: Vector<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Splat<'_, L> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) {
+        let Self { frame, material, lanes, pixel, radiance } = self;
+        let dropped = frame.film().splat_lanes(lanes, pixel, radiance);
+        if dropped.any() {
+            frame.note_dropped(material, dropped, pixel);
+        }
+    }
+}
+
 impl Frame {
     /// Adds the radiance of a hit on a material to a pixel, or of a ray that hit nothing (`None`). Splats that are
     /// negative or not finite are dropped, counted, and known by their material ([`Frame::dropped_by_material`]).
@@ -73,9 +95,8 @@ impl Frame {
         pixel: Int<L>,
         radiance: Vector<L>,
     ) {
-        let dropped = self.film().splat_lanes(lanes, pixel, radiance);
-        if dropped.any() {
-            self.note_dropped(material, dropped, pixel);
+        if lanes.any() {
+            pixel.lanes().outlined(Splat { frame: self, material, lanes, pixel, radiance });
         }
     }
 

@@ -5,7 +5,7 @@ use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
 use super::path_state::{DEPTH, DEPTH_BITS, PathState};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, Plain, Vector};
 use crate::scene::{BlockFinishes, Camera};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
@@ -294,6 +294,11 @@ impl Shading<'_, '_> {
         frame.splat_lanes(None, lanes & !sky.is_zero(), state.target(frame), sky);
     }
 
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn sampler<L: Lanes>(&self, state: &States<L>) -> Sampler<L> {
+        Sampler::of(state.pixel, state.sample, self.frame.settings().seed)
+    }
+
     /// Adds the environment's radiance for rays that leave the scene.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
@@ -326,7 +331,12 @@ impl Shading<'_, '_> {
         }
         let mut lanes = lanes;
         if let Some(opacity) = at.opacity(scene, material) {
-            lanes &= !self.pass(&at, opacity, &States { cone, ..state }, lanes);
+            let direction = -at.wo;
+            let rays = NewRays::new(at.origin(at.position, direction), direction);
+            let (sampler, state) = (self.sampler(&state), States { cone, ..state });
+            let primitive = at.texture.primitive;
+            let passing = Passing { out: self.out, sampler, rays, primitive, opacity, state, lanes };
+            lanes &= !t.lanes().outlined(passing);
         }
         frame.add_first_hits_on(number, &at, state.pixel, lanes & state.depth.is(0));
         let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
@@ -359,7 +369,7 @@ impl Shading<'_, '_> {
             Some(one) => &one.surface,
         };
         let bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
-        let sampler = Sampler::of(state.pixel, state.sample, frame.settings().seed);
+        let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
@@ -367,29 +377,6 @@ impl Shading<'_, '_> {
         }
         let state = States { facing: receiver.facing, cone, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
-    }
-
-    /// Continues rays that pass a surface of computed opacity, without a bounce. `state` has the cone at the hit.
-    /// Returns the lanes that pass.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn pass<L: Lanes>(
-        &mut self,
-        at: &Interaction<L>,
-        opacity: Num<L>,
-        state: &States<L>,
-        lanes: Mask<L>,
-    ) -> Mask<L> {
-        let sampler = Sampler::of(state.pixel, state.sample, self.frame.settings().seed);
-        let (pdf, may) = pass_through::passed(state.pdf);
-        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, at.texture.primitive);
-        let states = States { pdf, ..*state }.rows(lanes);
-        let onwards = -at.wo;
-        NewRays::new(at.origin(at.position, onwards), onwards).emit(
-            self.out,
-            lanes,
-            bytemuck::cast_slice(states.as_ref()),
-        );
-        lanes
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -506,6 +493,34 @@ impl Shading<'_, '_> {
         let rays = NewRays::new(origin, direction);
         self.frame.send_contributions(self.out, None, open, &rays, sky, next.target(self.frame));
         ended
+    }
+}
+
+/// Rays that may pass a surface of computed opacity, without a bounce. Out of line: few materials have one.
+struct Passing<'a, 'o, L: Lanes> {
+    out: &'a mut Output<'o, PathState, Contribution>,
+    sampler: Sampler<L>,
+    /// The rays that go on where the surface is passed.
+    rays: NewRays<L>,
+    primitive: Int<L>,
+    opacity: Num<L>,
+    /// With the cones at the hits.
+    state: States<L>,
+    lanes: Mask<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Passing<'_, '_, L> {
+    /// The lanes that pass.
+    type Output = Mask<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Mask<L> {
+        let Self { out, sampler, rays, primitive, opacity, state, lanes } = self;
+        let (pdf, may) = pass_through::passed(state.pdf);
+        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, primitive);
+        let states = States { pdf, ..state }.rows(lanes);
+        rays.emit(out, lanes, bytemuck::cast_slice(states.as_ref()));
+        lanes
     }
 }
 

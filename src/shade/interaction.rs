@@ -115,13 +115,18 @@ impl<L: Lanes> Interaction<L> {
             texture.cosine = cosine;
         }
         let maps = Maps::of(material);
-        let tangents = maps.tangents(scene, &at);
-        let basis = shading_basis(scene, material, &at, maps.anisotropy, tangents.as_ref(), &mut texture);
-        // No closure: the compiler might not inline it.
-        let coat = match maps.coat {
-            Some(map) => Some(coat_shape(scene, map, &at, tangents.as_ref(), &texture, &basis)),
-            None => None,
-        };
+        let basis;
+        let mut coat = None;
+        if maps.are_none() {
+            let matte = matches!(material.surface, Surface::Matte { .. });
+            basis = Basis::around(bend_where(at.outward, at.smooth, at.normal, at.wo, matte));
+        } else {
+            // Copies: both stay in registers where no call refers to them.
+            let (at, point) = (at, texture);
+            let bases = at.wo.lanes().outlined(Bases { scene, material, maps, at: &at, texture: &point });
+            (basis, coat) = (bases.basis, bases.coat);
+            texture.footprint.bumps = bases.bumps;
+        }
         Self {
             position: at.position,
             wo: at.wo,
@@ -241,7 +246,46 @@ struct Maps<'a> {
     set: u32,
 }
 
+/// The shading bases of a material with maps, out of line.
+struct Bases<'a, L: Lanes> {
+    scene: &'a Scene,
+    material: &'a Material,
+    maps: Maps<'a>,
+    at: &'a Geometry<L>,
+    texture: &'a TexturePoint<L>,
+}
+
+/// The result of [`Bases`]: shading bases, [`Footprint::bumps`] and the shape of coats with normals of their own.
+struct Mapped<L: Lanes> {
+    basis: Basis<L>,
+    bumps: Num<L>,
+    coat: Option<CoatShape<L>>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Bases<'_, L> {
+    type Output = Mapped<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Mapped<L> {
+        let Self { scene, material, maps, at, texture } = self;
+        let mut texture = *texture;
+        let tangents = maps.tangents(scene, at);
+        let basis = shading_basis(scene, material, at, maps.anisotropy, tangents.as_ref(), &mut texture);
+        let coat = match maps.coat {
+            Some(map) => Some(coat_shape(scene, map, at, tangents.as_ref(), &texture, &basis)),
+            None => None,
+        };
+        Mapped { basis, bumps: texture.footprint.bumps, coat }
+    }
+}
+
 impl<'a> Maps<'a> {
+    /// True if the shading normals are the vertex normals, and no axis has a meaning.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn are_none(&self) -> bool {
+        !self.normal && self.anisotropy.is_none() && self.coat.is_none()
+    }
+
     #[cfg_attr(not(unoptimised), inline(always))]
     fn of(material: &'a Material) -> Self {
         let set = |map: &NormalMap| map.texture.set;

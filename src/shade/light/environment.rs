@@ -1,7 +1,7 @@
 //! The environment as a light source.
 
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Int, Lanes, Num, Vector, trigonometry};
+use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector, trigonometry};
 use crate::scene::{Environment, EnvironmentMap, Wrap, taps};
 use crate::shade::lookup::luminance;
 use glam::Vec3;
@@ -87,10 +87,7 @@ impl EnvironmentLight {
         let l = direction.lanes();
         match &self.kind {
             Kind::Constant(radiance) => (Vector::splat(l, *radiance), Num::splat(l, 0.25 * FRAC_1_PI)),
-            Kind::Map(map) => {
-                let place = map.place(direction);
-                (map.lookup(place), map.pdf(direction, place))
-            }
+            Kind::Map(map) => l.outlined(Evaluate { map, direction }),
         }
     }
 
@@ -98,12 +95,46 @@ impl EnvironmentLight {
     /// is not above 0 marks a lane without a sample.
     #[inline(always)]
     pub fn sample<L: Lanes>(&self, u2: [Num<L>; 2]) -> (Vector<L>, Vector<L>, Num<L>) {
-        let direction = match &self.kind {
-            Kind::Constant(_) => warp::sphere(u2),
-            Kind::Map(map) => map.direction(map.sample(u2)),
-        };
+        match &self.kind {
+            Kind::Constant(_) => {
+                let direction = warp::sphere(u2);
+                let (radiance, pdf) = self.evaluate(direction);
+                (direction, radiance, pdf)
+            }
+            Kind::Map(map) => u2[0].lanes().outlined(Sampling { map, u2 }),
+        }
+    }
+}
+
+/// [`EnvironmentLight::evaluate`] for a map, out of line: shaders call it at several places.
+struct Evaluate<'a, L: Lanes> {
+    map: &'a Map,
+    direction: Vector<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Evaluate<'_, L> {
+    type Output = (Vector<L>, Num<L>);
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Self::Output {
+        self.map.evaluate(self.direction)
+    }
+}
+
+/// [`EnvironmentLight::sample`] for a map, out of line.
+struct Sampling<'a, L: Lanes> {
+    map: &'a Map,
+    u2: [Num<L>; 2],
+}
+
+impl<L: Lanes> OutlinedTask<L> for Sampling<'_, L> {
+    type Output = (Vector<L>, Vector<L>, Num<L>);
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Self::Output {
+        let direction = self.map.direction(self.map.sample(self.u2));
         // Computed from the direction, as integrators will do it, so that both results agree to the bit.
-        let (radiance, pdf) = self.evaluate(direction);
+        let (radiance, pdf) = self.map.evaluate(direction);
         (direction, radiance, pdf)
     }
 }
@@ -160,6 +191,13 @@ impl Map {
         let turn = image.rotation_degrees / 360.0;
         let map = Self { image: image.clone(), turn, rows, columns, probabilities };
         Some((map, (total / area) as f32))
+    }
+
+    /// Radiance and density of directions.
+    #[inline(always)]
+    fn evaluate<L: Lanes>(&self, direction: Vector<L>) -> (Vector<L>, Num<L>) {
+        let place = self.place(direction);
+        (self.lookup(place), self.pdf(direction, place))
     }
 
     /// Image coordinates of directions, 0..1 from the left and from the top.

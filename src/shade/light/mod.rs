@@ -25,7 +25,7 @@ pub use tree::LightTree;
 
 use super::Interaction;
 use crate::geom::Aabb;
-use crate::lanes::{Int, Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::scene::Scene;
 use std::sync::Arc;
 
@@ -194,17 +194,14 @@ impl Lights {
     /// Samples one punctual light.
     #[inline(always)]
     pub fn sample_punctual<L: Lanes>(&self, to: &Receiver<L>, u: Num<L>) -> LightSample<L> {
-        let Some((index, probability)) = self.punctual.choose(to, u) else {
-            return LightSample::none(to.position);
-        };
-        let light = self.punctual.illuminate(index, to.position);
-        LightSample { valid: light.valid & probability.above(0.0), pdf: probability, ..light }
+        u.lanes().outlined(PunctualSample { punctual: &self.punctual, receiver: *to, u })
     }
 
     /// The light that punctual light `index` sends to points.
     #[inline(always)]
     pub fn illuminate<L: Lanes>(&self, index: usize, from: Vector<L>) -> LightSample<L> {
-        self.punctual.illuminate(Int::splat(from.lanes(), index as u32), from)
+        let index = Int::splat(from.lanes(), index as u32);
+        from.lanes().outlined(Illumination { punctual: &self.punctual, index, from })
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -286,7 +283,9 @@ impl Lights {
         distance2: Num<L>,
         cosine: Num<L>,
     ) -> Num<L> {
-        self.emitters.pdf(to, primitive, distance2, cosine) * self.probabilities[0]
+        let emitters = &self.emitters;
+        let pdf = EmitterPdf { emitters, receiver: *to, primitive, distance2, cosine };
+        cosine.lanes().outlined(pdf) * self.probabilities[0]
     }
 
     /// Radiance of the environment along unit directions that leave the scene, and the density per solid
@@ -296,6 +295,61 @@ impl Lights {
         let [_, probability, _] = self.probabilities;
         let (radiance, pdf) = self.environment.evaluate(direction);
         (radiance, if probability > 0.0 { pdf * probability } else { Num::zero(pdf.lanes()) })
+    }
+}
+
+/// [`Lights::sample_punctual`], out of line: many scenes have no such lights.
+struct PunctualSample<'a, L: Lanes> {
+    punctual: &'a Punctual,
+    receiver: Receiver<L>,
+    u: Num<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for PunctualSample<'_, L> {
+    type Output = LightSample<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> LightSample<L> {
+        let Self { punctual, receiver, u } = self;
+        let Some((index, probability)) = punctual.choose(&receiver, u) else {
+            return LightSample::none(receiver.position);
+        };
+        let light = punctual.illuminate(index, receiver.position);
+        LightSample { valid: light.valid & probability.above(0.0), pdf: probability, ..light }
+    }
+}
+
+/// [`Punctual::illuminate`], out of line.
+struct Illumination<'a, L: Lanes> {
+    punctual: &'a Punctual,
+    index: Int<L>,
+    from: Vector<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Illumination<'_, L> {
+    type Output = LightSample<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> LightSample<L> {
+        self.punctual.illuminate(self.index, self.from)
+    }
+}
+
+/// [`Emitters::pdf`], out of line: few hits are on emitters.
+struct EmitterPdf<'a, L: Lanes> {
+    emitters: &'a Emitters,
+    receiver: Receiver<L>,
+    primitive: Int<L>,
+    distance2: Num<L>,
+    cosine: Num<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for EmitterPdf<'_, L> {
+    type Output = Num<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Num<L> {
+        self.emitters.pdf(&self.receiver, self.primitive, self.distance2, self.cosine)
     }
 }
 
