@@ -60,6 +60,7 @@ impl WideNode {
 
     /// Computes [`WideNode::front_to_back`] from the boxes: an octant's key is the box centre projected onto
     /// the octant's diagonal.
+    #[inline(always)]
     pub(super) fn update_front_to_back(&mut self) {
         for octant in 0..4 {
             let mut keys = [0.0; WIDTH];
@@ -70,19 +71,22 @@ impl WideNode {
                     keys[slot] += sign * low[slot] + sign * high[slot];
                 }
             }
-            for key in &mut keys {
+            for slot in 0..WIDTH {
                 // The centre of a vacant slot's box is NaN; vacant slots are the last.
-                *key = if key.is_nan() { f32::INFINITY } else { *key };
+                keys[slot] = if keys[slot].is_nan() { f32::INFINITY } else { keys[slot] };
             }
             self.front_to_back[octant] = ChildOrder::ascending(&keys);
         }
     }
 
     /// The union of the children's boxes. The inverted boxes of vacant slots add nothing.
+    #[inline]
     pub(super) fn union_of_children(&self) -> Aabb {
-        let lowest = self.faces[0].map(|axis| axis.into_iter().fold(f32::INFINITY, f32::min));
-        let highest = self.faces[1].map(|axis| axis.into_iter().fold(f32::NEG_INFINITY, f32::max));
-        Aabb { min: lowest.into(), max: highest.into() }
+        let mut bounds = Aabb::EMPTY;
+        for slot in 0..WIDTH {
+            bounds = bounds.union(self.bounds(slot));
+        }
+        bounds
     }
 
     /// The same node with its references to inner nodes raised by `nodes`, and those to leaf blocks by
