@@ -71,9 +71,9 @@ impl WideNode {
                     keys[slot] += sign * low[slot] + sign * high[slot];
                 }
             }
-            for slot in 0..WIDTH {
+            for key in &mut keys {
                 // The centre of a vacant slot's box is NaN; vacant slots are the last.
-                keys[slot] = if keys[slot].is_nan() { f32::INFINITY } else { keys[slot] };
+                *key = if key.is_nan() { f32::INFINITY } else { *key };
             }
             self.front_to_back[octant] = ChildOrder::ascending(&keys);
         }

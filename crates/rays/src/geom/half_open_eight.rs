@@ -131,7 +131,7 @@ mod tests {
     fn vector(i: u32, k: u32) -> Vec3 {
         let number = |axis: u32| {
             let x = (mix(i ^ mix(k + axis)) >> 8) as f32 / (1 << 23) as f32 - 1.0;
-            if i % 4 == 0 { (8.0 * x).round() / 8.0 } else { x }
+            if i.is_multiple_of(4) { (8.0 * x).round() / 8.0 } else { x }
         };
         Vec3::new(number(0), number(1), number(2))
     }
@@ -146,9 +146,12 @@ mod tests {
                 let i = (block * EIGHT + pair) as u32;
                 let corners = [vector(i, 0), vector(i, 3), vector(i, 6)];
                 let origin = 2.0 * vector(i, 9);
-                let target =
-                    if i % 3 == 0 { corners[0] } else { (corners[0] + corners[1] + corners[2]) / 3.0 };
-                let direction = if i % 5 == 0 { vector(i, 12) } else { target - origin };
+                let target = if i.is_multiple_of(3) {
+                    corners[0]
+                } else {
+                    (corners[0] + corners[1] + corners[2]) / 3.0
+                };
+                let direction = if i.is_multiple_of(5) { vector(i, 12) } else { target - origin };
                 let range = [[0.0, f32::INFINITY], [-1.0, 1.0], [1.0, 2.0], [0.5, 1.5]][i as usize / 7 % 4];
                 pairs.set(pair, origin.to_array(), direction.to_array(), range, &corners);
                 let [t_min, t_max] = range.map(f64::from);

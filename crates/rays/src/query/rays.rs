@@ -175,7 +175,7 @@ impl Rays<'_> {
     pub(super) fn must_scale(ray: &Ray) -> bool {
         let [x, y, z] = ray.direction;
         let largest = x.abs().max(y.abs()).max(z.abs());
-        (largest > 0.0) & ((largest < LEAST_UNSCALED) | (largest > GREATEST_UNSCALED))
+        largest > 0.0 && !(LEAST_UNSCALED..=GREATEST_UNSCALED).contains(&largest)
     }
 
     /// Origin, direction and interval of a ray, or the ends of a segment.
@@ -238,28 +238,24 @@ impl Rays<'_> {
         if center != DVec3::ZERO {
             return false;
         }
-        if !matches!(self, Self::Rows(..)) {
-            traced.clear();
-        }
-        let must_scale;
         match self {
             Self::Rays(rays) => {
+                traced.clear();
                 traced.extend_from_slice(&rays[first..first + len]);
-                must_scale = traced.iter().any(Self::must_scale);
             }
             Self::Rows(rows, range) => {
                 traced.resize(len, Ray::default());
-                must_scale = !write_rays(&rows[first..first + len], range, traced);
+                return write_rays(&rows[first..first + len], range, traced);
             }
             Self::Pairs(origins, directions, range) => {
                 let pairs = origins[first..first + len].iter().zip(&directions[first..first + len]);
                 let &Range { t_min, t_max } = range;
+                traced.clear();
                 traced.extend(pairs.map(|(&origin, &direction)| Ray { origin, t_min, direction, t_max }));
-                must_scale = traced.iter().any(Self::must_scale);
             }
             _ => return false,
         }
-        !must_scale
+        !traced.iter().any(Self::must_scale)
     }
 
     /// A ray for the half-open test, relative to the mesh's centre.
