@@ -126,13 +126,21 @@ impl<'py> RayCall<'_, 'py> {
         check_memory("an answer", rays.len(), size_of::<i64>())?;
         let (all, mut lists) = (rays.all()?, Lists::new(want, rays.len())?);
         Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
-            let first = block.start;
-            let found = asked.list_hits(&rays_of(&all, block), rule, most);
-            lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)
+            // So few at a time that their hits stay in a cache until they are columns.
+            let length = LISTED_RAYS * rayon::current_num_threads();
+            for first in block.clone().step_by(length) {
+                let some = first..block.end.min(first + length);
+                let found = asked.list_hits(&rays_of(&all, some), rule, most);
+                lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)?;
+            }
+            Ok(())
         })?;
         lists.into_hits(py)
     }
 }
+
+/// Number of rays whose hits one thread lists before they become columns.
+const LISTED_RAYS: usize = 1 << 14;
 
 /// All hits of all rays, as columns.
 struct Lists {

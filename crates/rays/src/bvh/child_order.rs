@@ -21,6 +21,7 @@ impl ChildOrder {
 
     /// Orders the slots by ascending keys, as [`f32::total_cmp`] compares them. Of equal keys the lower slot
     /// comes first.
+    #[inline(always)]
     pub(super) fn ascending(keys: &[f32; WIDTH]) -> Self {
         let keys: [i32; WIDTH] = from_index(|slot| {
             let bits = keys[slot].to_bits().cast_signed();
@@ -30,9 +31,8 @@ impl ChildOrder {
         let mut ranks_of_slots = [0_u32; WIDTH];
         for other in 0..WIDTH {
             for slot in 0..WIDTH {
-                let precedes =
-                    if other < slot { keys[other] <= keys[slot] } else { keys[other] < keys[slot] };
-                ranks_of_slots[slot] += u32::from(precedes);
+                let (less, equal) = (keys[other] < keys[slot], keys[other] == keys[slot]);
+                ranks_of_slots[slot] += u32::from(less) | (u32::from(equal) & u32::from(other < slot));
             }
         }
         let (mut ranks, mut slots) = (0, 0);

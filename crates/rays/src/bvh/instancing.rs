@@ -8,6 +8,7 @@ use super::leaf_block::LeafBlocks;
 use super::supports::negated;
 use super::wide_tree::{WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use std::sync::Arc;
 
 /// A tree of triangles, placed in the world.
@@ -75,29 +76,43 @@ type Face = (f32, usize, usize);
 /// The largest coordinate, in size, of the moved triangles of all instances, to the bit. Their boxes need not be the
 /// smallest: where a box could have it, its tree is asked.
 fn max_abs(instances: &[TreeInstance]) -> f32 {
-    let faces = instances.iter().enumerate().flat_map(|(at, TreeInstance { bounds, .. })| {
-        let [high, low] = [bounds.max, -bounds.min];
-        [high.x, high.y, high.z, low.x, low.y, low.z]
-            .into_iter()
-            .zip(0..)
-            .map(move |(most, face)| (most, at, face))
-    });
+    let reach = |bounds: &Aabb| bounds.max.max(-bounds.min).max_element();
+    let mut farthest = 0;
+    for (at, instance) in instances.iter().enumerate() {
+        if reach(&instance.bounds) > reach(&instances[farthest].bounds) {
+            farthest = at;
+        }
+    }
+    let Some(first) = instances.get(farthest) else { return 0.0 };
     let exact = |&(bound, at, face): &Face| match (&instances[at].placement, face) {
         (None, _) => bound,
         (Some(placement), 0..3) => instances[at].tree.highest(placement.rows[face]),
         (Some(placement), _) => instances[at].tree.highest(negated(placement.rows[face - 3])),
     };
-    let by_bound = |a: &Face, b: &Face| b.0.total_cmp(&a.0);
     // The face that reaches farthest excludes most others.
-    let mut most = faces.clone().min_by(by_bound).map_or(0.0, |face| exact(&face).max(0.0));
-    let mut left: Vec<Face> = faces.filter(|face| face.0 > most).collect();
-    left.sort_unstable_by(by_bound);
+    let farthest_face =
+        faces_beyond(&first.bounds, farthest, f32::NEG_INFINITY).max_by(|a, b| a.0.total_cmp(&b.0));
+    let mut most = farthest_face.map_or(0.0, |face| exact(&face).max(0.0));
+    let mut left: Vec<Face> = Vec::new();
+    for (at, instance) in instances.iter().enumerate() {
+        if reach(&instance.bounds) > most {
+            left.extend(faces_beyond(&instance.bounds, at, most));
+        }
+    }
+    left.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     for face in &left {
         if face.0 > most {
             most = most.max(exact(face));
         }
     }
     most
+}
+
+/// The faces of an instance's box that reach farther than `most`.
+fn faces_beyond(bounds: &Aabb, at: usize, most: f32) -> impl Iterator<Item = Face> {
+    let [high, low] = [bounds.max, -bounds.min];
+    let faces = [high.x, high.y, high.z, low.x, low.y, low.z].into_iter().zip(0..);
+    faces.filter(move |(bound, _)| *bound > most).map(move |(bound, face)| (bound, at, face))
 }
 
 /// Factor by which the cost of the tree over instances may grow before it is built anew.
@@ -151,25 +166,10 @@ impl Bvh {
         assert_eq!(placements.len(), instances.all.len(), "one placement per instance");
         for (instance, placement) in instances.all.iter_mut().zip(placements) {
             instance.placement = Some(placement);
-            instance.bounds = rough_bounds(&instance.tree, &placement);
         }
-        // Children come after their parents.
+        SimdLevel::run_eight(RoughBounds { instances: &mut instances.all });
         let nodes = &mut self.wide.nodes;
-        for at in (0..nodes.len()).rev() {
-            for slot in 0..WIDTH {
-                let child = nodes[at].children[slot];
-                if child == Child::NONE {
-                    continue;
-                }
-                let bounds = if child.is_block() {
-                    instances.all[child.index()].bounds
-                } else {
-                    nodes[child.index()].union_of_children()
-                };
-                nodes[at].set(slot, bounds, child);
-            }
-            nodes[at].update_front_to_back();
-        }
+        SimdLevel::run_eight(Refit { nodes, instances: &instances.all });
         self.bounds = nodes[0].union_of_children();
         self.max_abs = max_abs(&instances.all);
         if cost_over_instances(&self.wide) > MAX_COST_GROWTH * instances.built_cost {
@@ -185,15 +185,72 @@ impl Bvh {
     }
 }
 
+/// Sets the boxes of instances that have been moved, as [`rough_bounds`] does. A task, since it computes by eights.
+struct RoughBounds<'a> {
+    instances: &'a mut [TreeInstance],
+}
+
+impl LaneTask for RoughBounds<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, _: L) {
+        for TreeInstance { tree, placement, bounds, .. } in self.instances {
+            if let Some(placement) = placement
+                && !tree.is_empty()
+            {
+                *bounds = tree.supports().moved_bounds(&tree.bounds, placement);
+            }
+        }
+    }
+}
+
+/// Fits the boxes of a tree over instances to those of the instances. A task, since the order of a node's children is
+/// computed by eights.
+struct Refit<'a> {
+    nodes: &'a mut [WideNode],
+    instances: &'a [TreeInstance],
+}
+
+impl LaneTask for Refit<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { nodes, instances } = self;
+        // Children come after their parents.
+        for at in (0..nodes.len()).rev() {
+            for slot in 0..WIDTH {
+                let child = nodes[at].children[slot];
+                if child == Child::NONE {
+                    continue;
+                }
+                let bounds = if child.is_block() {
+                    instances[child.index()].bounds
+                } else {
+                    nodes[child.index()].union_of_children()
+                };
+                nodes[at].set(slot, bounds, child);
+            }
+            nodes[at].update_front_to_back();
+        }
+    }
+}
+
 /// The sum of the surfaces of all boxes over instances by the surface of the whole: what a random line expects to
 /// visit.
 fn cost_over_instances(wide: &WideTree) -> f32 {
-    let bounds = |node: &WideNode| {
-        let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
-        slots.map(|slot| node.bounds(slot).half_area()).sum::<f32>()
-    };
     let whole = wide.nodes()[0].union_of_children().half_area();
-    if whole > 0.0 { wide.nodes().iter().map(bounds).sum::<f32>() / whole } else { 0.0 }
+    let mut sum = 0.0;
+    for node in wide.nodes() {
+        let mut of_node = 0.0;
+        for slot in 0..WIDTH {
+            // Those of vacant slots are empty.
+            of_node += node.bounds(slot).half_area();
+        }
+        sum += of_node;
+    }
+    if whole > 0.0 { sum / whole } else { 0.0 }
 }
 
 impl Instances {

@@ -202,18 +202,36 @@ impl Bvh {
     ///
     /// # Panics
     /// If there is no such primitive.
-    #[inline]
+    #[inline(always)]
     #[doc(hidden)]
     pub fn corners_and_mask(&self, primitive: u32) -> ([Vec3; 3], bool) {
-        let Some(instances) = &self.instances else {
-            let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
-            let row = block.row(primitive).expect("its block has it");
-            return (block.corners(row), block.is_masked(row));
-        };
+        if self.instances.is_some() {
+            return self.moved_corners_and_mask(primitive);
+        }
+        let block = self.wide.blocks.get(self.triangle_blocks[self.ids.index(primitive)]);
+        let row = block.row(primitive).expect("its block has it");
+        (block.corners(row), block.is_masked(row))
+    }
+
+    /// [`Bvh::corners_and_mask`] of a two-level tree.
+    #[inline(never)]
+    fn moved_corners_and_mask(&self, primitive: u32) -> ([Vec3; 3], bool) {
+        let instances = self.instances.as_ref().expect("a two-level tree");
         let owner = instances.owner(primitive);
         let (corners, is_masked) = owner.tree.corners_and_mask(primitive - owner.first_primitive);
         let place = |placement: Placement| each(corners, |corner| placement.point(corner));
         (owner.placement.map_or(corners, place), is_masked)
+    }
+
+    /// The index of a triangle in a tree without instances, from 0 up to the number of triangles.
+    #[inline(always)]
+    pub(crate) fn index_of(&self, primitive: u32) -> usize {
+        self.ids.index(primitive)
+    }
+
+    /// The primitive id of the triangle with an index: see [`Bvh::index_of`].
+    pub(crate) fn primitive_of(&self, index: usize) -> u32 {
+        self.ids.primitive(index as u32)
     }
 
     /// Prefetches where a triangle lies, for [`Bvh::prefetch_triangle`]. Does nothing in a two-level tree.

@@ -60,6 +60,7 @@ impl WideNode {
 
     /// Computes [`WideNode::front_to_back`] from the boxes: an octant's key is the box centre projected onto
     /// the octant's diagonal.
+    #[inline(always)]
     pub(super) fn update_front_to_back(&mut self) {
         for octant in 0..4 {
             let mut keys = [0.0; WIDTH];
@@ -79,10 +80,13 @@ impl WideNode {
     }
 
     /// The union of the children's boxes. The inverted boxes of vacant slots add nothing.
+    #[inline]
     pub(super) fn union_of_children(&self) -> Aabb {
-        let lowest = self.faces[0].map(|axis| axis.into_iter().fold(f32::INFINITY, f32::min));
-        let highest = self.faces[1].map(|axis| axis.into_iter().fold(f32::NEG_INFINITY, f32::max));
-        Aabb { min: lowest.into(), max: highest.into() }
+        let mut bounds = Aabb::EMPTY;
+        for slot in 0..WIDTH {
+            bounds = bounds.union(self.bounds(slot));
+        }
+        bounds
     }
 
     /// The same node with its references to inner nodes raised by `nodes`, and those to leaf blocks by

@@ -27,7 +27,7 @@ const UNIT: f64 = f64::EPSILON / 2.0;
 const ERRORS: f64 = 12.0 * UNIT;
 
 /// A share of `t` by which a computed `t` may differ from the exact one.
-const LARGEST_ERROR: f64 = 1.0 / (1u64 << 32) as f64;
+pub(super) const LARGEST_ERROR: f64 = 1.0 / (1u64 << 32) as f64;
 
 /// A vector whose components are each the sum of two numbers.
 #[derive(Clone, Copy, Debug)]
@@ -91,12 +91,8 @@ impl HalfOpenRay {
     #[inline]
     pub fn crossing(&self, corners: [Vec3; 3]) -> Option<Crossing> {
         let [p, q, r] = [corners[0].as_dvec3(), corners[1].as_dvec3(), corners[2].as_dvec3()];
-        let (a, b, c) = (p - self.origin, q - self.origin, r - self.origin);
-        let d = self.direction.high;
-        // With edges in place of the second corners the determinants are the same, and their errors smaller.
-        let u = Determinant::of(d, c, p - r);
-        let v = Determinant::of(d, a, q - p);
-        let w = Determinant::of(d, b, r - q);
+        let determinants = Determinants::of(self.origin, self.direction.high, [p, q, r]);
+        let Determinants { u, v, w, volume, facing } = determinants;
         let positive = u.is_positive() || v.is_positive() || w.is_positive();
         let negative = u.is_negative() || v.is_negative() || w.is_negative();
         if positive && negative {
@@ -108,10 +104,8 @@ impl HalfOpenRay {
         } else {
             self.exact_side(corners, &u, &v, &w)?
         };
-        let volume = Determinant::of(a, q - p, r - p);
-        let facing = Determinant::of(d, q - p, r - p);
         let t = volume.value / facing.value;
-        let error = (volume.error + t.abs() * facing.error) / (facing.value.abs() - facing.error);
+        let error = determinants.error_of(t);
         let (low, high) = (t - 2.0 * error, t + 2.0 * error);
         // NaN fails the comparisons.
         let precise = error >= 0.0 && error <= t.abs() * LARGEST_ERROR;
@@ -231,16 +225,51 @@ pub fn is_on_triangle(point: DVec3, corners: [Vec3; 3]) -> bool {
     low.cmple(DVec3::ZERO).all() && high.cmpge(DVec3::ZERO).all() && (0..3).all(along)
 }
 
+/// The determinants of a ray and a triangle that decide on a crossing, if they are certain.
+#[derive(Clone, Copy)]
+pub(super) struct Determinants {
+    /// Of the edge functions.
+    pub u: Determinant,
+    pub v: Determinant,
+    pub w: Determinant,
+    /// Of the corners, relative to the origin.
+    pub volume: Determinant,
+    /// The product of the direction and the triangle's normal.
+    pub facing: Determinant,
+}
+
+impl Determinants {
+    #[inline(always)]
+    pub fn of(origin: DVec3, direction: DVec3, [p, q, r]: [DVec3; 3]) -> Self {
+        let (a, b, c) = (p - origin, q - origin, r - origin);
+        Self {
+            // With edges in place of the second corners the determinants are the same, and their errors smaller.
+            u: Determinant::of(direction, c, p - r),
+            v: Determinant::of(direction, a, q - p),
+            w: Determinant::of(direction, b, r - q),
+            volume: Determinant::of(a, q - p, r - p),
+            facing: Determinant::of(direction, q - p, r - p),
+        }
+    }
+
+    /// At most the distance of `t`, the quotient of volume and facing, from the exact one, if not negative.
+    #[inline(always)]
+    pub fn error_of(&self, t: f64) -> f64 {
+        let Self { volume, facing, .. } = self;
+        (volume.error + t.abs() * facing.error) / (facing.value.abs() - facing.error)
+    }
+}
+
 /// A determinant of three vectors, rounded.
 #[derive(Clone, Copy)]
-struct Determinant {
-    value: f64,
+pub(super) struct Determinant {
+    pub value: f64,
     /// At most the distance from the exact value.
     error: f64,
 }
 
 impl Determinant {
-    #[inline]
+    #[inline(always)]
     fn of(a: DVec3, b: DVec3, c: DVec3) -> Self {
         let (plus, minus) =
             (DVec3::new(b.y * c.z, b.z * c.x, b.x * c.y), DVec3::new(b.z * c.y, b.x * c.z, b.y * c.x));
@@ -248,13 +277,13 @@ impl Determinant {
         Self { value: a.dot(plus - minus), error: ERRORS * a.abs().dot(sizes) }
     }
 
-    #[inline]
-    fn is_positive(&self) -> bool {
+    #[inline(always)]
+    pub fn is_positive(&self) -> bool {
         self.value > self.error
     }
 
-    #[inline]
-    fn is_negative(&self) -> bool {
+    #[inline(always)]
+    pub fn is_negative(&self) -> bool {
         self.value < -self.error
     }
 

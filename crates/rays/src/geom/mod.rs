@@ -14,6 +14,7 @@ mod basis;
 mod canonical;
 mod expansion;
 mod half_open;
+mod half_open_eight;
 pub mod octahedral;
 mod placement;
 mod sampler;
@@ -30,6 +31,7 @@ pub(crate) use expansion::Expansion;
 pub(crate) use half_open::is_on_triangle;
 #[doc(hidden)]
 pub use half_open::{Crossing, HalfOpenRay};
+pub(crate) use half_open_eight::{EightPairs, Verdict};
 pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
 #[doc(hidden)]

@@ -61,16 +61,29 @@ impl Placement {
     /// # Errors
     /// If an element is not finite or the matrix is singular.
     fn checked(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
-        for (row, elements) in rows.iter().enumerate() {
-            if let Some(column) = elements.iter().position(|element| !element.is_finite()) {
-                return Err(PlacementError::NotFinite { row, column, value: elements[column].into() });
-            }
+        let is_finite = rows.as_flattened().iter().fold(true, |all, element| all & element.is_finite());
+        if !is_finite {
+            return Err(Self::first_not_finite(&rows));
         }
-        let column = |i: usize| DVec3::from_array(rows.map(|row| row[i].into()));
-        let [x, y, z] = [0, 1, 2].map(column);
-        let volume = x.cross(y).dot(z).abs() / (x.length() * y.length() * z.length());
+        let column =
+            |i: usize| DVec3::new(f64::from(rows[0][i]), f64::from(rows[1][i]), f64::from(rows[2][i]));
+        let (x, y, z) = (column(0), column(1), column(2));
+        let volume = x.cross(y).dot(z).abs();
+        let squares = x.length_squared() * y.length_squared() * z.length_squared();
+        // Nearly always the squares decide, without roots: by more than their rounding errors.
+        if volume * volume > 2.0 * LEAST_VOLUME * LEAST_VOLUME * squares {
+            return Ok(Self { rows });
+        }
         // The quotient of a column of zeros is NaN.
-        if volume >= LEAST_VOLUME { Ok(Self { rows }) } else { Err(PlacementError::Singular) }
+        let share = volume / (x.length() * y.length() * z.length());
+        if share >= LEAST_VOLUME { Ok(Self { rows }) } else { Err(PlacementError::Singular) }
+    }
+
+    #[cold]
+    fn first_not_finite(rows: &[[f32; 4]; 3]) -> PlacementError {
+        let elements = rows.as_flattened();
+        let at = elements.iter().position(|element| !element.is_finite()).unwrap_or(0);
+        PlacementError::NotFinite { row: at / 4, column: at % 4, value: elements[at].into() }
     }
 
     /// Moves a point.
@@ -85,16 +98,16 @@ impl Placement {
     }
 
     /// A box around all moved points of a box. An empty box stays empty.
+    #[inline]
     pub fn bounds(&self, of: &Aabb) -> Aabb {
         if of.is_empty() {
             return Aabb::EMPTY;
         }
-        let coordinate = |row: [f32; 4], low: Vec3, high: Vec3| {
-            let extreme = |i: usize| if row[i] >= 0.0 { low[i] } else { high[i] };
-            transform_row(row, extreme(0), extreme(1), extreme(2))
-        };
-        let face = |low, high| Vec3::from_array(self.rows.map(|row| coordinate(row, low, high)));
-        Aabb { min: face(of.min, of.max), max: face(of.max, of.min) }
+        let [x, y, z] = &self.rows;
+        Aabb {
+            min: Vec3::new(face(x, of.min, of.max), face(y, of.min, of.max), face(z, of.min, of.max)),
+            max: Vec3::new(face(x, of.max, of.min), face(y, of.max, of.min), face(z, of.max, of.min)),
+        }
     }
 
     /// The approximate octant, in the geometry's own space, of directions in a world octant. An octant has a
@@ -153,6 +166,15 @@ impl TryFrom<DMat4> for Placement {
         }
         Self::checked(Self::new(&matrix).rows)
     }
+}
+
+/// One face of a moved box: from `low` where an element is not negative, else from `high`.
+#[inline(always)]
+fn face(row: &[f32; 4], low: Vec3, high: Vec3) -> f32 {
+    let x = if row[0] >= 0.0 { low.x } else { high.x };
+    let y = if row[1] >= 0.0 { low.y } else { high.y };
+    let z = if row[2] >= 0.0 { low.z } else { high.z };
+    transform_row(*row, x, y, z)
 }
 
 /// One coordinate of a moved point: `((a x + b y) + c z) + d`.

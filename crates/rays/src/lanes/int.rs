@@ -144,6 +144,12 @@ impl<L: Lanes> Int<L> {
         Num { l: self.l, f: self.l.from_bits(self.i) }
     }
 
+    /// For each lane the number of the lane that `order` names there.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn permute(self, order: Self) -> Self {
+        Self { i: self.l.permute_u32(self.i, order.i), ..self }
+    }
+
     /// The bits in reverse order.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn reverse_bits(self) -> Self {

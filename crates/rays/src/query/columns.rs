@@ -163,6 +163,9 @@ impl HitColumns<'_> {
     }
 }
 
+/// Number of hits whose columns are written before those of the next.
+const WRITTEN_AT_ONCE: usize = 512;
+
 /// Rays and tree that the columns of hits are computed from.
 pub(super) struct ColumnWriter<'a> {
     pub target: Target<'a>,
@@ -173,14 +176,28 @@ pub(super) struct ColumnWriter<'a> {
 
 impl ColumnWriter<'_> {
     /// Writes the columns of hits, whose `t` is in the caller's units and whose primitive ids are those of the tree.
-    pub fn write(&self, hits: &[Hit], columns: HitColumns<'_>) {
+    pub fn write(&self, hits: &[Hit], mut columns: HitColumns<'_>) {
+        if let Some(column) = columns.normal.take() {
+            match self.target.tracers.normals_of_triangles(hits.len()) {
+                Some(normals) => normals.write(self.target.tracers.bvh(), hits, column),
+                None => write_normals(self.target.tracers.bvh(), hits, column),
+            }
+        }
+        // So few that they stay in the nearest cache while one column after the other is written.
+        for (some, first) in hits.chunks(WRITTEN_AT_ONCE).zip((self.first..).step_by(WRITTEN_AT_ONCE)) {
+            let columns = columns.split_first(some.len());
+            Self { first, ..*self }.write_some(some, columns);
+        }
+    }
+
+    fn write_some(&self, hits: &[Hit], columns: HitColumns<'_>) {
         let Target { firsts, .. } = self.target;
         let HitColumns {
             t,
             primitive,
             instance,
             uv,
-            normal,
+            normal: _,
             position,
             position64,
             shading_normal,
@@ -204,9 +221,6 @@ impl ColumnWriter<'_> {
             }
         } else if primitive.is_some() || instance.is_some() {
             self.write_ids(hits, primitive, instance);
-        }
-        if let Some(column) = normal {
-            write_normals(self.target.tracers.bvh(), hits, column);
         }
         if let Some(column) = position {
             let at = |i: usize| self.position(i, &hits[i]).as_vec3().to_array();

@@ -2,9 +2,11 @@
 
 use super::rays::{ExactRay, Rays};
 use super::target::Target;
-use crate::geom::Crossing;
+use crate::bvh::WIDTH;
+use crate::geom::{Crossing, EightPairs, Verdict};
+use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::stream::{Hit, Ray};
-use crate::trace::cpu::TriangleSink;
+use crate::trace::cpu::{Candidate, MAX_BATCH, Tally, TriangleSink};
 use glam::{DVec3, Vec3};
 use std::cell::Cell;
 
@@ -13,27 +15,106 @@ thread_local! {
     static RAYS: Cell<Vec<Ray>> = const { Cell::new(Vec::new()) };
 }
 
-/// A triangle that a ray may cross.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Candidate {
-    /// Index of the ray in its part.
-    pub ray: usize,
-    /// Primitive id in the tree.
-    pub primitive: u32,
-    /// Corners in the world.
-    pub corners: [Vec3; 3],
-}
-
 /// A [`TriangleSink`] that is a function. What it returns saves visits if `NARROWS`.
 struct Sink<F, const NARROWS: bool>(F);
 
-impl<F: FnMut(Candidate) -> f32, const NARROWS: bool> TriangleSink for Sink<F, NARROWS> {
-    fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32 {
-        (self.0)(Candidate { ray, primitive, corners })
+impl<F: FnMut(&Candidate) -> f32, const NARROWS: bool> TriangleSink for Sink<F, NARROWS> {
+    fn take(&mut self, candidate: &Candidate) -> f32 {
+        (self.0)(candidate)
     }
 
     fn batch(&self) -> usize {
-        if NARROWS { 1 } else { 64 }
+        if NARROWS { 1 } else { MAX_BATCH }
+    }
+}
+
+/// Counts the crossings of rays that are traced to the bit as they are tested.
+struct Counter<'a> {
+    rays: &'a [Ray],
+    counts: &'a mut [u32],
+    enough: u32,
+}
+
+impl TriangleSink for Counter<'_> {
+    fn take(&mut self, candidate: &Candidate) -> f32 {
+        let count = &mut self.counts[candidate.ray];
+        let crosses = ExactRay::of(&self.rays[candidate.ray]).exact.crossing(candidate.corners).is_some();
+        *count += u32::from(crosses);
+        if *count < self.enough { f32::INFINITY } else { -1.0 }
+    }
+
+    fn tally(&mut self) -> Option<Tally<'_>> {
+        Some(Tally { counts: self.counts, enough: self.enough })
+    }
+}
+
+/// Hands the crossings of rays that are traced to the bit as they are tested to a function, with the indices of the
+/// rays. It returns false where no more are wanted.
+struct Lister<'a, F> {
+    rays: &'a [Ray],
+    level: SimdLevel,
+    list: F,
+}
+
+impl<F: FnMut(&[(u32, Hit)]) -> bool> Lister<'_, F> {
+    /// The crossing of a candidate by the exact numbers.
+    fn hit(&self, &Candidate { ray, primitive, corners }: &Candidate) -> Option<Hit> {
+        let ray = ExactRay::of(&self.rays[ray]);
+        ray.exact.crossing(corners).map(|crossing| ray.hit(&crossing, primitive))
+    }
+}
+
+impl<F: FnMut(&[(u32, Hit)]) -> bool> TriangleSink for Lister<'_, F> {
+    fn take(&mut self, candidate: &Candidate) -> f32 {
+        let mut limit = [0.0];
+        self.take_all(std::slice::from_ref(candidate), &mut limit);
+        limit[0]
+    }
+
+    fn take_all(&mut self, candidates: &[Candidate], limits: &mut [f32]) {
+        let more = self.level.run(Listed { lister: self, candidates });
+        limits.fill(if more { f32::INFINITY } else { -1.0 });
+    }
+}
+
+/// [`Lister::take_all`], eight candidates at a time.
+struct Listed<'a, 'b, F> {
+    lister: &'a mut Lister<'b, F>,
+    candidates: &'a [Candidate],
+}
+
+impl<F: FnMut(&[(u32, Hit)]) -> bool> LaneTask for Listed<'_, '_, F> {
+    type Output = bool;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, _: L) -> bool {
+        let Self { lister, candidates } = self;
+        let (mut pairs, mut hits, mut more) = (EightPairs::default(), [(0, Hit::NONE); WIDTH], true);
+        for first in (0..candidates.len()).step_by(WIDTH) {
+            let some = &candidates[first..candidates.len().min(first + WIDTH)];
+            for (pair, candidate) in some.iter().enumerate() {
+                let Ray { origin, direction, t_min, t_max } = lister.rays[candidate.ray];
+                pairs.set(pair, origin, direction, [t_min, t_max], &candidate.corners);
+            }
+            let (found, mut len) = (pairs.crossings(), 0);
+            for (pair, candidate) in some.iter().enumerate() {
+                let hit = match found.verdict(pair) {
+                    Verdict::Misses => continue,
+                    Verdict::Open => match lister.hit(candidate) {
+                        Some(hit) => hit,
+                        None => continue,
+                    },
+                    Verdict::Crosses => {
+                        let (t, u, v) = (found.t[pair] as f32, found.u[pair], found.v[pair]);
+                        Hit { t, u, v, primitive: candidate.primitive }
+                    }
+                };
+                hits[len] = (candidate.ray as u32, hit);
+                len += 1;
+            }
+            more &= (lister.list)(&hits[..len]);
+        }
+        more
     }
 }
 
@@ -43,23 +124,67 @@ impl Target<'_> {
     pub(super) fn visit_candidates<const NARROWS: bool>(
         &self,
         rays: &[Ray],
-        take: impl FnMut(Candidate) -> f32,
+        take: impl FnMut(&Candidate) -> f32,
     ) {
         self.tracers.stream().visit_candidates(rays, &mut Sink::<_, NARROWS>(take));
     }
 
+    /// Calls `list` with the crossings of consecutive rays, some at a time and in no particular order, with `t` in the
+    /// caller's units and the indices of the rays counted from `first`. It returns false if no more are wanted; some
+    /// may follow all the same.
+    pub(super) fn list_crossings(
+        &self,
+        rays: &Rays<'_>,
+        first: usize,
+        len: usize,
+        mut list: impl FnMut(&[(u32, Hit)]) -> bool,
+    ) {
+        let mut traced = RAYS.take();
+        let tracer = self.tracers.stream();
+        if rays.fill(first, len, self.center, &mut traced) {
+            tracer.visit_candidates(&traced, &mut Lister { rays: &traced, level: tracer.simd(), list });
+            RAYS.set(traced);
+            return;
+        }
+        RAYS.set(traced);
+        self.visit_crossings::<false>(rays, first, len, |candidate, ray, crossing| {
+            let more = list(&[(candidate.ray as u32, ray.hit(crossing, candidate.primitive))]);
+            if more { f32::INFINITY } else { -1.0 }
+        });
+    }
+
+    /// Adds the numbers of crossings of consecutive rays; of those that have `enough`, perhaps not all.
+    pub(super) fn count_crossings(&self, rays: &Rays<'_>, first: usize, enough: u32, counts: &mut [u32]) {
+        let (mut traced, len) = (RAYS.take(), counts.len());
+        if rays.fill(first, len, self.center, &mut traced) {
+            self.count_exactly(&traced, enough, counts);
+            RAYS.set(traced);
+            return;
+        }
+        RAYS.set(traced);
+        self.visit_crossings::<false>(rays, first, len, |candidate, _, _| {
+            let count = &mut counts[candidate.ray];
+            *count += 1;
+            if *count < enough { f32::INFINITY } else { -1.0 }
+        });
+    }
+
+    /// [`Target::count_crossings`] of rays that are traced to the bit as they are.
+    fn count_exactly(&self, rays: &[Ray], enough: u32, counts: &mut [u32]) {
+        self.tracers.stream().visit_candidates(rays, &mut Counter { rays, counts, enough });
+    }
+
     /// Calls `take` with each crossing of consecutive rays, in no particular order, where the candidate's ray counts
-    /// from
-    /// `first`.
+    /// from `first`.
     pub(super) fn visit_crossings<const NARROWS: bool>(
         &self,
         rays: &Rays<'_>,
         first: usize,
         len: usize,
-        mut take: impl FnMut(Candidate, &ExactRay, &Crossing) -> f32,
+        mut take: impl FnMut(&Candidate, &ExactRay, &Crossing) -> f32,
     ) {
         let mut traced = RAYS.take();
-        let direct = rays.fill(first, len, self.center, &mut traced);
+        let direct = NARROWS && rays.fill(first, len, self.center, &mut traced);
         if !direct {
             traced.clear();
             traced.extend((first..first + len).map(|i| rays.prepare_exact(i, self.center).ray));
@@ -82,7 +207,7 @@ impl Target<'_> {
     pub(super) fn first_crossings(&self, rays: &Rays<'_>, first: usize, hits: &mut [Hit]) {
         let mut nearest = vec![(f64::INFINITY, [Vec3::ZERO; 3]); hits.len()];
         self.visit_crossings::<true>(rays, first, hits.len(), |candidate, ray, crossing| {
-            let Candidate { ray: index, primitive, corners } = candidate;
+            let &Candidate { ray: index, primitive, corners } = candidate;
             let ((t, before), hit) = (&mut nearest[index], &mut hits[index]);
             if precedes(ray, (crossing.t, corners, primitive), (*t, *before, hit.primitive)) {
                 (*t, *before) = (crossing.t, corners);

@@ -57,6 +57,7 @@ mod nearest_lanes;
 mod normals;
 mod points;
 mod rays;
+mod rows;
 mod shares;
 mod target;
 #[cfg(test)]

@@ -161,8 +161,10 @@ impl Best {
     }
 
     /// Takes the nearest point of a triangle if it is nearer, or as near and of a lower primitive id.
+    #[inline(always)]
     pub fn visit(&mut self, point: DVec3, corners: [Vec3; 3], primitive: u32) {
-        let (position, u, v) = nearest_on_triangle(point, corners.map(|corner| corner.as_dvec3()));
+        let [a, b, c] = corners;
+        let (position, u, v) = nearest_on_triangle(point, [a.as_dvec3(), b.as_dvec3(), c.as_dvec3()]);
         let squared = position.distance_squared(point);
         let is_first = self.triangle.is_none_or(|(_, best)| primitive < best);
         if squared < self.squared || squared == self.squared && is_first {
@@ -184,6 +186,7 @@ fn moved_faces(node: &WideNode, placement: &Placement) -> [[[f32; WIDTH]; 3]; 2]
 }
 
 /// The point of a triangle nearest to `point`, with its barycentric weights. The triangle may be a segment or a point.
+#[inline(always)]
 fn nearest_on_triangle(point: DVec3, [a, b, c]: [DVec3; 3]) -> (DVec3, f64, f64) {
     let (ab, ac, ap) = (b - a, c - a, point - a);
     let normal = ab.cross(ac);
@@ -201,13 +204,11 @@ fn nearest_on_triangle(point: DVec3, [a, b, c]: [DVec3; 3]) -> (DVec3, f64, f64)
         let share = if length > 0.0 { ((point - from).dot(along) / length).clamp(0.0, 1.0) } else { 0.0 };
         (from + share * along, share)
     };
-    let [(on_ab, along_ab), (on_ac, along_ac), (on_bc, along_bc)] =
-        [on_edge(a, b), on_edge(a, c), on_edge(b, c)];
-    let mut nearest = (on_ab, along_ab, 0.0);
-    for other in [(on_ac, 0.0, along_ac), (on_bc, 1.0 - along_bc, along_bc)] {
-        if other.0.distance_squared(point) < nearest.0.distance_squared(point) {
-            nearest = other;
-        }
-    }
-    nearest
+    let ((on_ab, along_ab), (on_ac, along_ac), (on_bc, along_bc)) =
+        (on_edge(a, b), on_edge(a, c), on_edge(b, c));
+    let nearer = |first: (DVec3, f64, f64), second: (DVec3, f64, f64)| {
+        if second.0.distance_squared(point) < first.0.distance_squared(point) { second } else { first }
+    };
+    let nearest = nearer((on_ab, along_ab, 0.0), (on_ac, 0.0, along_ac));
+    nearer(nearest, (on_bc, 1.0 - along_bc, along_bc))
 }

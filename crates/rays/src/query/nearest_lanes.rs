@@ -71,6 +71,7 @@ struct Limits {
 
 impl Limits {
     /// At least the distance of the best point so far.
+    #[inline(always)]
     fn of(best: &Best) -> Self {
         let up = |number: f64| if number.is_finite() { (number as f32).next_up() } else { f32::INFINITY };
         Self { distance: up(best.squared.sqrt()), squared: up(best.squared) }

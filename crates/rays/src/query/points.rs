@@ -8,6 +8,7 @@ use super::shares::in_parts;
 use super::target::Target;
 use crate::geom::{Aabb, HalfOpenRay, is_on_triangle};
 use crate::stream::{MISS, Ray};
+use crate::trace::cpu::{Candidate, Tally, TriangleSink};
 use glam::{DVec3, Vec3};
 
 /// Points in arrays of the caller.
@@ -212,21 +213,45 @@ impl Target<'_> {
         let middle = (0.5 * (bounds.min + bounds.max)).as_dvec3();
         let point = |row: usize| points.get(first + row) - self.center;
         let rays: Vec<Ray> = (0..len).map(|row| box_ray(point(row), away_from(middle, point(row)))).collect();
-        let mut sides = vec![Side::Outside; len];
-        self.visit_candidates::<false>(&rays, |candidate| {
-            let (side, corners) = (&mut sides[candidate.ray], candidate.corners);
-            let point = point(candidate.ray);
-            if touches_box(point, corners) && is_on_triangle(point, corners) {
-                *side = Side::Surface;
-                return -1.0;
-            }
-            let exact = HalfOpenRay::new(point, away_from(middle, point), 0.0, f64::INFINITY);
-            if exact.crossing(corners).is_some() {
-                *side = if *side == Side::Inside { Side::Outside } else { Side::Inside };
-            }
-            f32::INFINITY
-        });
-        sides
+        let (mut counts, mut touched) = (vec![0; len], vec![false; len]);
+        let exactly = matches!(points, Points::F32(_)) && self.center == DVec3::ZERO;
+        let mut sides = Sides { point: &point, middle, exactly, counts: &mut counts, touched: &mut touched };
+        self.tracers.stream().visit_candidates(&rays, &mut sides);
+        let side = |(count, touched): (u32, bool)| match count % 2 {
+            _ if touched => Side::Surface,
+            1 => Side::Inside,
+            _ => Side::Outside,
+        };
+        counts.into_iter().zip(touched).map(side).collect()
+    }
+}
+
+/// Counts the crossings of the rays from points, and tells points that lie on a triangle.
+struct Sides<'a, P> {
+    point: &'a P,
+    /// The middle of the mesh.
+    middle: DVec3,
+    /// True if the rays that are traced begin exactly at the points.
+    exactly: bool,
+    counts: &'a mut [u32],
+    /// True for points on the surface.
+    touched: &'a mut [bool],
+}
+
+impl<P: Fn(usize) -> DVec3> TriangleSink for Sides<'_, P> {
+    fn take(&mut self, &Candidate { ray, corners, .. }: &Candidate) -> f32 {
+        let point = (self.point)(ray);
+        if touches_box(point, corners) && is_on_triangle(point, corners) {
+            self.touched[ray] = true;
+            return -1.0;
+        }
+        let exact = HalfOpenRay::new(point, away_from(self.middle, point), 0.0, f64::INFINITY);
+        self.counts[ray] += u32::from(exact.crossing(corners).is_some());
+        f32::INFINITY
+    }
+
+    fn tally(&mut self) -> Option<Tally<'_>> {
+        self.exactly.then_some(Tally { counts: self.counts, enough: u32::MAX })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Rays as callers have them: arrays of `f32` or `f64`, in any units.
 
+use super::rows::write_rays;
 use crate::geom::{HalfOpenRay, MAX_COORDINATE};
 use crate::stream::Ray;
 use glam::{DVec3, Vec3};
@@ -115,6 +116,12 @@ impl ExactRay {
 /// Smallest and largest size of a component of a direction that is traced as it is.
 const UNSCALED: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
 
+/// The least and the greatest `f32` in [`UNSCALED`].
+const LEAST_UNSCALED: f32 = 1e-9f32.next_up();
+const GREATEST_UNSCALED: f32 = 1e9;
+const _: () = assert!(LEAST_UNSCALED as f64 >= 1e-9 && (1e-9f32 as f64) < 1e-9);
+const _: () = assert!(GREATEST_UNSCALED as f64 == 1e9);
+
 /// Size below which a coordinate of an `f64` ray counts as 0: products of three remain exact.
 const SMALLEST: f64 = 1.0 / (1u128 << 100) as f64 / (1u128 << 100) as f64;
 
@@ -122,6 +129,9 @@ const SMALLEST: f64 = 1.0 / (1u128 << 100) as f64 / (1u128 << 100) as f64;
 const MARGIN: f32 = 1e-5;
 
 impl Rays<'_> {
+    /// A direction with a component larger than the first, and none larger than the second, is traced as it is.
+    pub(super) const USUAL: (f32, f32) = (1e-9, GREATEST_UNSCALED);
+
     /// Number of rays: the lesser one if two arrays differ.
     pub fn len(&self) -> usize {
         match self {
@@ -161,11 +171,11 @@ impl Rays<'_> {
     }
 
     /// True if the direction of a ray is scaled before it is traced.
-    #[inline]
+    #[inline(always)]
     pub(super) fn must_scale(ray: &Ray) -> bool {
         let [x, y, z] = ray.direction;
         let largest = x.abs().max(y.abs()).max(z.abs());
-        !UNSCALED.contains(&f64::from(largest)) && largest > 0.0
+        largest > 0.0 && !(LEAST_UNSCALED..=GREATEST_UNSCALED).contains(&largest)
     }
 
     /// Origin, direction and interval of a ray, or the ends of a segment.
@@ -225,26 +235,27 @@ impl Rays<'_> {
     /// Fills `traced` with consecutive rays that are traced as they are; false if some are not `f32` rays in range, or
     /// must be moved by a centre.
     pub(super) fn fill(&self, first: usize, len: usize, center: DVec3, traced: &mut Vec<Ray>) -> bool {
-        traced.clear();
         if center != DVec3::ZERO {
             return false;
         }
-        let ray =
-            |origin, direction, &Range { t_min, t_max }: &Range| Ray { origin, t_min, direction, t_max };
         match self {
-            Self::Rays(rays) => traced.extend_from_slice(&rays[first..first + len]),
-            Self::Rows(rows, range) => traced.extend(
-                rows[first..first + len]
-                    .iter()
-                    .map(|&[x, y, z, dx, dy, dz]| ray([x, y, z], [dx, dy, dz], range)),
-            ),
+            Self::Rays(rays) => {
+                traced.clear();
+                traced.extend_from_slice(&rays[first..first + len]);
+            }
+            Self::Rows(rows, range) => {
+                traced.resize(len, Ray::default());
+                return write_rays(&rows[first..first + len], range, traced);
+            }
             Self::Pairs(origins, directions, range) => {
                 let pairs = origins[first..first + len].iter().zip(&directions[first..first + len]);
-                traced.extend(pairs.map(|(&origin, &direction)| ray(origin, direction, range)));
+                let &Range { t_min, t_max } = range;
+                traced.clear();
+                traced.extend(pairs.map(|(&origin, &direction)| Ray { origin, t_min, direction, t_max }));
             }
             _ => return false,
         }
-        traced.iter().all(|ray| !Self::must_scale(ray))
+        !traced.iter().any(Self::must_scale)
     }
 
     /// A ray for the half-open test, relative to the mesh's centre.

@@ -16,9 +16,29 @@ use std::collections::TryReserveError;
 thread_local! {
     /// Rays and hits of a share.
     static BUFFERS: Cell<(Vec<Ray>, Vec<Hit>)> = const { Cell::new((Vec::new(), Vec::new())) };
-    /// Hits with the indices of their rays, before they are sorted.
-    static FOUND: Cell<Vec<(u32, Hit)>> = const { Cell::new(Vec::new()) };
+    /// Taken by a call while it lists.
+    static LISTING: Cell<Listing> = const { Cell::new(Listing::new()) };
 }
+
+/// Memory for lists of hits.
+#[derive(Default)]
+struct Listing {
+    /// Hits with the indices of their rays, in the order in which they are found.
+    found: Vec<(u32, Hit)>,
+    /// The hits of one ray after those of the ray before.
+    sorted: Vec<Hit>,
+    /// Where they end, by ray.
+    ends: Vec<usize>,
+}
+
+impl Listing {
+    const fn new() -> Self {
+        Self { found: Vec::new(), sorted: Vec::new(), ends: Vec::new() }
+    }
+}
+
+/// The most rays whose hits one thread lists at a time: a sub-stream, whose hits stay in the second-level cache.
+const LISTED_AT_ONCE: usize = 16 * 1024;
 
 /// The most hits that a thread keeps memory for.
 const KEPT_HITS: usize = 1 << 20;
@@ -172,11 +192,14 @@ impl Target<'_> {
         columns.check(rays.len());
         in_parts(rays.len(), columns.reborrow(), SHARE_RAYS, |first, len, columns| {
             let (mut buffer, mut hits) = BUFFERS.take();
-            hits.clear();
+            // Those of an earlier call are overwritten.
             hits.resize(len, Hit::NONE);
             match rule {
                 Rule::Closed => self.closest(rays, first, &mut buffer, &mut hits),
-                Rule::HalfOpen => self.first_crossings(rays, first, &mut hits),
+                Rule::HalfOpen => {
+                    hits.fill(Hit::NONE);
+                    self.first_crossings(rays, first, &mut hits);
+                }
             }
             ColumnWriter { target: *self, rays, first }.write(&hits, columns);
             BUFFERS.set((buffer, hits));
@@ -219,9 +242,8 @@ impl Target<'_> {
         visit: &mut dyn FnMut(usize, &Hit) -> bool,
     ) {
         match rule {
-            Rule::HalfOpen => self.visit_crossings::<false>(rays, first, len, |candidate, ray, crossing| {
-                let more = visit(candidate.ray, &ray.hit(crossing, candidate.primitive));
-                if more { f32::INFINITY } else { -1.0 }
+            Rule::HalfOpen => self.list_crossings(rays, first, len, |hits| {
+                hits.iter().fold(true, |more, (ray, hit)| more & visit(*ray as usize, hit))
             }),
             Rule::Closed => {
                 for i in 0..len {
@@ -261,6 +283,9 @@ impl Target<'_> {
         assert_eq!(rays.len(), counts.len(), "one number per ray");
         in_parts(rays.len(), counts, SHARE_RAYS, |first, len, counts| {
             counts.fill(0);
+            if rule == Rule::HalfOpen {
+                return self.count_crossings(rays, first, u32::MAX, counts);
+            }
             self.visit_hits(rays, first, len, rule, &mut |ray, _| {
                 counts[ray] += 1;
                 true
@@ -274,6 +299,11 @@ impl Target<'_> {
             return answers.fill(true);
         }
         in_parts(rays.len(), answers, SHARE_RAYS, |first, len, answers| {
+            if rule == Rule::HalfOpen {
+                let mut counts = vec![0; len];
+                self.count_crossings(rays, first, count, &mut counts);
+                return answers.iter_mut().zip(counts).for_each(|(answer, found)| *answer = found >= count);
+            }
             answers.fill(false);
             let mut counts = vec![0; if count > 1 { len } else { 0 }];
             self.visit_hits(rays, first, len, rule, &mut |ray, _| {
@@ -308,29 +338,39 @@ impl Target<'_> {
         most: usize,
     ) -> Result<HitLists, TryReserveError> {
         let count = rays.len();
-        let starts: Vec<usize> = (0..count).step_by(SHARE_RAYS).collect();
-        let list = |&first: &usize| self.list_part(rays, first, SHARE_RAYS.min(count - first), rule, most);
-        let mut parts: Vec<HitLists> = if count <= SHARE_RAYS {
-            starts.iter().map(list).collect::<Result<_, _>>()?
-        } else {
-            starts.par_iter().map(list).collect::<Result<_, _>>()?
+        let starts = (0..count).step_by(LISTED_AT_ONCE);
+        let add = |lists: &mut HitLists, first: usize| {
+            self.list_part(rays, first, LISTED_AT_ONCE.min(count - first), rule, most, lists)
         };
-        if parts.len() == 1 {
-            return Ok(parts.swap_remove(0));
+        if count <= LISTED_AT_ONCE || rayon::current_num_threads() == 1 {
+            let mut all = HitLists::default();
+            all.offsets.try_reserve_exact(count + 1)?;
+            all.offsets.push(0);
+            for first in starts {
+                add(&mut all, first)?;
+            }
+            return Ok(all);
         }
+        let part = |&first: &usize| {
+            let mut part = HitLists::default();
+            add(&mut part, first)?;
+            Ok(part)
+        };
+        let starts: Vec<usize> = starts.collect();
+        let parts: Vec<HitLists> = starts.par_iter().map(part).collect::<Result<_, TryReserveError>>()?;
         let mut all = HitLists::default();
         all.hits.try_reserve_exact(parts.iter().map(|part| part.hits.len()).sum())?;
         all.offsets.try_reserve_exact(count + 1)?;
         all.offsets.push(0);
         for part in parts {
             let before = all.hits.len();
-            all.offsets.extend(part.offsets[1..].iter().map(|end| before + end));
+            all.offsets.extend(part.offsets.iter().map(|end| before + end));
             all.hits.extend(part.hits);
         }
         Ok(all)
     }
 
-    /// The hits of consecutive rays.
+    /// Adds the hits of consecutive rays, and their ends.
     fn list_part(
         &self,
         rays: &Rays<'_>,
@@ -338,51 +378,62 @@ impl Target<'_> {
         len: usize,
         rule: Rule,
         most: usize,
-    ) -> Result<HitLists, TryReserveError> {
-        let (mut found, mut offsets, mut refused) = (FOUND.take(), vec![0; len + 1], None);
+        lists: &mut HitLists,
+    ) -> Result<(), TryReserveError> {
+        let Listing { mut found, mut sorted, mut ends } = LISTING.take();
         found.clear();
-        self.visit_hits(rays, first, len, rule, &mut |ray, hit| {
-            if let Err(error) = found.try_reserve(1) {
+        ends.clear();
+        ends.resize(len + 1, 0);
+        let mut refused = None;
+        let mut list = |some: &[(u32, Hit)]| {
+            if let Err(error) = found.try_reserve(some.len()) {
                 refused = Some(error);
                 return false;
             }
-            found.push((ray as u32, *hit));
-            offsets[ray + 1] += 1;
+            found.extend_from_slice(some);
+            some.iter().for_each(|(ray, _)| ends[*ray as usize + 1] += 1);
             true
-        });
+        };
+        match rule {
+            Rule::HalfOpen => self.list_crossings(rays, first, len, list),
+            Rule::Closed => {
+                self.visit_hits(rays, first, len, rule, &mut |ray, hit| list(&[(ray as u32, *hit)]));
+            }
+        }
         if let Some(error) = refused {
             return Err(error);
         }
         for ray in 0..len {
-            offsets[ray + 1] += offsets[ray];
+            ends[ray + 1] += ends[ray];
         }
-        let mut hits: Vec<WorldHit> = Vec::new();
-        hits.try_reserve_exact(found.len())?;
-        hits.resize(found.len(), WorldHit::NONE);
-        // Each goes to the next place of its ray.
-        let mut next = offsets.clone();
+        sorted.try_reserve(found.len().saturating_sub(sorted.len()))?;
+        sorted.resize(sorted.len().max(found.len()), Hit::NONE);
+        // Each goes to the next place of its ray, so that beginnings become ends.
         for (ray, hit) in &found {
-            let place = &mut next[*ray as usize];
-            hits[*place] = self.world_hit(hit);
+            let place = &mut ends[*ray as usize];
+            sorted[*place] = *hit;
             *place += 1;
         }
+        lists.hits.try_reserve(found.len())?;
+        lists.offsets.try_reserve(len)?;
+        let mut start = 0;
+        for &end in &ends[..len] {
+            let of_ray = &mut sorted[start..end];
+            // No `t` is negative, so their bits have their order; ids in the tree ascend by instance.
+            let key = |hit: &Hit| u64::from(hit.t.to_bits()) << 32 | u64::from(hit.primitive);
+            if !of_ray.is_sorted_by_key(key) {
+                of_ray.sort_unstable_by_key(key);
+            }
+            for hit in &of_ray[..of_ray.len().min(most)] {
+                lists.hits.push(self.world_hit(hit));
+            }
+            lists.offsets.push(lists.hits.len());
+            start = end;
+        }
         if found.capacity() <= KEPT_HITS {
-            FOUND.set(found);
+            LISTING.set(Listing { found, sorted, ends });
         }
-        let by_place = |hit: &WorldHit| (hit.instance, hit.primitive);
-        let mut kept = 0;
-        for ray in 0..len {
-            let (start, end) = (offsets[ray], offsets[ray + 1]);
-            let of_ray = &mut hits[start..end];
-            of_ray.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then_with(|| by_place(a).cmp(&by_place(b))));
-            let count = of_ray.len().min(most);
-            hits.copy_within(start..start + count, kept);
-            offsets[ray] = kept;
-            kept += count;
-        }
-        offsets[len] = kept;
-        hits.truncate(kept);
-        Ok(HitLists { offsets, hits })
+        Ok(())
     }
 }
 

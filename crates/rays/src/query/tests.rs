@@ -2,6 +2,7 @@
 
 mod columns;
 mod counting;
+mod hashes;
 mod points;
 mod worlds;
 

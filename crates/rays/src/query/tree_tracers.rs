@@ -1,5 +1,6 @@
 //! The tracers of a tree, and which of them a call uses.
 
+use super::normals::{KeptNormals, TriangleNormals};
 use super::shares::{answers, in_shares};
 use crate::bvh::Bvh;
 use crate::stream::{Hit, Ray, Tracer};
@@ -26,6 +27,7 @@ pub struct TreeTracers {
     bvh: Arc<Bvh>,
     stream: CpuTracer,
     single: SingleRayTracer,
+    normals: Arc<KeptNormals>,
 }
 
 impl TreeTracers {
@@ -33,7 +35,7 @@ impl TreeTracers {
     pub fn new(bvh: Arc<Bvh>, simd: SimdLevel) -> Self {
         let stream = CpuTracer::new(bvh.clone(), None, simd).expect("the processor has the level");
         let single = SingleRayTracer::new(bvh.clone(), None, simd).expect("the processor has the level");
-        Self { bvh, stream, single }
+        Self { bvh, stream, single, normals: Arc::default() }
     }
 
     pub fn bvh(&self) -> &Arc<Bvh> {
@@ -46,6 +48,11 @@ impl TreeTracers {
 
     pub fn single(&self) -> &SingleRayTracer {
         &self.single
+    }
+
+    /// The normals of all triangles, if it is worth while to have them; `more` of them are asked for now.
+    pub(super) fn normals_of_triangles(&self, more: usize) -> Option<&TriangleNormals> {
+        self.normals.get(&self.bvh, more)
     }
 
     /// Changes the tree, which is copied first if clones share it.

@@ -1,6 +1,6 @@
 //! Columns of first hits beside hits one by one, and rays in any units.
 
-use super::{hilly, point, pool, rays, signed};
+use super::{hills, hilly, point, pool, rays, signed};
 use crate::query::*;
 use glam::{Affine3A, DVec3, Vec3};
 
@@ -33,6 +33,26 @@ fn cast(target: &impl RayQueries, rays: &Rays<'_>, rule: Rule) -> Columns {
     };
     target.cast(rays, rule, &mut columns);
     all
+}
+
+#[test]
+fn kept_normals_are_those_of_the_mesh_and_go_when_it_moves() {
+    let (mut positions, triangles) = hills(20);
+    let mut mesh = Mesh::build(&positions, &triangles).expect("sound");
+    let all = rays(9000);
+    assert!(all.len() > 2 * triangles.len(), "so many that normals are kept");
+    for step in 0..3 {
+        for _ in 0..2 {
+            let found = cast(&mesh, &(&all).into(), Rule::Closed);
+            let hits = mesh.closest(&all);
+            assert!(hits.iter().filter(|hit| !hit.is_miss()).count() > 1000);
+            for (normal, hit) in found.normal.iter().zip(&hits) {
+                assert_eq!(*normal, mesh.normal(hit).to_array(), "step {step}");
+            }
+        }
+        positions.iter_mut().for_each(|p| p.y += 0.3 * signed(p.x.to_bits() + step));
+        mesh.refit(&positions, &triangles).expect("as many");
+    }
 }
 
 #[test]

@@ -14,27 +14,74 @@ use super::lane_math::{LaneVec3, add, cross, dot, max_abs, sub};
 use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
 use super::ray_lists::visit_node;
 use super::ray_node_pairs;
-use super::substream::{OctantStack, SubStream, Visitor, Widths, prefetch_rows, ray_index};
+use super::substream::{DONE, OctantStack, SubStream, Visitor, Widths, prefetch_rows, ray_index};
 use super::triangle::{Lines, relative_corners};
 use super::visit_order::VisitOrder;
-use crate::bvh::{Child, LeafBlock, WIDTH};
+use crate::bvh::{Child, LeafBlock, PRIMITIVE, WIDTH};
 use crate::lanes::{
     LaneBits, Lanes, MAX_LANES, SingleLane, both, each, first_lanes, keep, splat, splat_eights,
 };
 use glam::Vec3;
 use std::cell::RefCell;
+use std::ptr;
+
+/// A triangle that a ray may cross.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Candidate {
+    /// Index of the ray.
+    pub ray: usize,
+    /// Primitive id.
+    pub primitive: u32,
+    /// Corners in the world.
+    pub corners: [Vec3; 3],
+}
+
+/// Numbers of crossings, by the index of the ray.
+#[derive(Debug)]
+pub struct Tally<'a> {
+    /// The numbers so far.
+    pub counts: &'a mut [u32],
+    /// The number from which on a ray needs no more.
+    pub enough: u32,
+}
 
 /// Tests the triangles that rays may cross.
 pub trait TriangleSink {
-    /// Takes a triangle with its primitive id and its corners in the world, and the index of a ray that may cross it.
-    /// Returns the `t` beyond which the ray needs no more triangles: +∞ for all, a negative number for none.
-    fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32;
+    /// Takes a triangle that a ray may cross. Returns the `t` beyond which the ray needs no more triangles: +∞ for all,
+    /// a negative number for none.
+    fn take(&mut self, candidate: &Candidate) -> f32;
+
+    /// Takes several at once, at most [`TriangleSink::batch`]: writes what [`TriangleSink::take`] returns for each.
+    fn take_all(&mut self, candidates: &[Candidate], limits: &mut [f32]) {
+        limits.iter_mut().zip(candidates).for_each(|(limit, candidate)| *limit = self.take(candidate));
+    }
 
     /// Number of triangles that are best handed over together: many, unless what [`TriangleSink::take`] returns saves
-    /// visits.
+    /// visits. At most [`MAX_BATCH`].
     fn batch(&self) -> usize {
-        64
+        MAX_BATCH
     }
+
+    /// Where crossings are counted of which `f32` is certain; they are not taken then. `None`, at any time or never, if
+    /// they are to be taken. Only for rays that are traced to the bit as they are tested.
+    fn tally(&mut self) -> Option<Tally<'_>> {
+        None
+    }
+}
+
+/// The most triangles that are handed over together.
+pub const MAX_BATCH: usize = 64;
+
+/// Place where candidates go.
+#[derive(Clone, Copy)]
+pub(super) struct Found<'a, 's> {
+    pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
+    /// Index of the sub-stream's first ray.
+    pub first: usize,
+    /// [`TriangleSink::batch`] of the sink.
+    pub batch: usize,
+    /// True if the sink has a tally.
+    pub tallies: bool,
 }
 
 /// Follows rays in lists and pairs, as `RayVisitor` does, and hands candidates to a sink.
@@ -42,9 +89,7 @@ pub(super) struct CandidateVisitor<'a, 's, W, E, S> {
     pub widths: Widths<W, E>,
     pub space: S,
     pub sub: &'a SubStream<'a>,
-    pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
-    /// [`TriangleSink::batch`] of the sink.
-    pub batch: usize,
+    pub found: Found<'a, 's>,
 }
 
 impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S> {
@@ -70,7 +115,7 @@ impl<W: Lanes, E: Lanes, S: Space> Visitor for CandidateVisitor<'_, '_, W, E, S>
                 self.hand_over(stack);
                 return false;
             }
-            if stack.candidates.len() >= self.batch {
+            if stack.candidates.len() >= self.found.batch {
                 self.hand_over(stack);
             }
         }
@@ -96,25 +141,39 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
             let ids = unsafe { stack.arena.as_ptr().add(at) };
             let among = first_lanes::<W>(list.end - at);
             // SAFETY: invariant 2 for the ids, 1 for rays.
-            let [ox, oy, oz, _, dx, dy, dz, _] = unsafe { w.rows(sub.rays.cast(), ids) };
+            let [ox, oy, oz, t_min, dx, dy, dz, t_max] = unsafe { w.rows(sub.rays.cast(), ids) };
             if at + W::LANES < list.end {
                 // SAFETY: invariant 2.
                 unsafe { prefetch_rows(w, sub.rays, ids.add(W::LANES)) };
             }
             let lines = Lines { origin: [ox, oy, oz], direction: [dx, dy, dz] };
+            let whole = self.whole_rays(w, among, t_min, t_max);
             // SAFETY: invariant 2.
-            let ids = unsafe { w.load_u32(ids) };
+            let of_lanes = unsafe { w.load_u32(ids) };
+            let (mut crossed, mut crossings) = (0, w.splat_u32(0));
             for row in 0..block.len() {
-                let some = candidates(w, among, &lines, &splat_triangle(w, &corners, row));
+                let (some, certain) = candidates(w, among, whole, &lines, &splat_triangle(w, &corners, row));
+                if certain != 0 {
+                    crossed |= certain;
+                    let more = w.add_u32(crossings, w.splat_u32(1));
+                    crossings = w.select_u32(certain, more, crossings);
+                }
                 if some != 0 {
                     stack.candidates.reserve(MAX_LANES);
+                    let ids = w.or_u32(of_lanes, w.splat_u32(row as u32));
                     // SAFETY: invariant 6, as reserved.
-                    unsafe {
-                        stack.candidates.push_lanes(w, some, w.or_u32(ids, w.splat_u32(row as u32)), child)
-                    };
+                    unsafe { stack.candidates.push_lanes(w, some, ids, child) };
                 }
             }
-            if stack.candidates.len() >= self.batch {
+            if crossed != 0 {
+                let mut times = [0; MAX_LANES];
+                // SAFETY: `times` is as long as the widest vector; invariants 1 and 2 for the ids.
+                unsafe {
+                    w.store_u32(times.as_mut_ptr(), crossings);
+                    self.count(bits_of(crossed).map(|lane| (*ids.add(lane), times[lane])));
+                }
+            }
+            if stack.candidates.len() >= self.found.batch {
                 // SAFETY: the caller's contract; the candidates' rows are those of triangles in the block (invariant
                 // 5).
                 unsafe { self.hand_over(stack) };
@@ -153,11 +212,47 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
                 origin: splat_eights(w, both(rays, |ray| ray.origin)),
                 direction: splat_eights(w, both(rays, |ray| ray.direction)),
             };
-            let some = candidates(w, among, &lines, &triangle);
+            let [t_min, t_max] = [both(rays, |ray| ray.t_min), both(rays, |ray| ray.t_max)];
+            let whole = self.whole_rays(w, among, w.splat_eights(t_min), w.splat_eights(t_max));
+            let (some, certain) = candidates(w, among, whole, &lines, &triangle);
+            if certain != 0 {
+                const EIGHT: LaneBits = (1 << WIDTH) - 1;
+                let times = [certain & EIGHT, certain >> WIDTH & EIGHT].map(LaneBits::count_ones);
+                // SAFETY: invariant 1, as above.
+                unsafe { self.count([(ids[0], times[0]), (ids[1], times[1])].into_iter()) };
+            }
             // SAFETY: invariant 6, as reserved.
             unsafe {
                 let rows = w.load_u32(BLOCK_ROWS.as_ptr());
                 found.push_lanes(w, some, w.or_u32(splat_id_pair(w, ids), rows), splat_id_pair(w, children));
+            }
+        }
+    }
+
+    /// The lanes whose ray has neither a beginning after its origin nor an end, if crossings are counted.
+    #[inline(always)]
+    fn whole_rays(&self, w: W, among: LaneBits, t_min: W::F, t_max: W::F) -> LaneBits {
+        if !self.found.tallies {
+            return 0;
+        }
+        w.le(w.le(among, t_min, w.splat(0.0)), w.splat(f32::INFINITY), t_max)
+    }
+
+    /// Counts crossings of rays, by id, and tells rays that need no more.
+    ///
+    /// # Safety
+    /// Invariant 1 for the ids.
+    #[inline(always)]
+    unsafe fn count(&self, crossings: impl Iterator<Item = (u32, u32)>) {
+        let Found { sink, first, .. } = self.found;
+        let mut sink = sink.borrow_mut();
+        let Some(Tally { counts, enough }) = sink.tally() else { return };
+        for (id, times) in crossings {
+            let count = &mut counts[first + ray_index(id)];
+            *count += times;
+            if *count >= enough {
+                // SAFETY: the caller's contract.
+                unsafe { (*self.sub.rows.byte_add(id as usize)).limit = DONE };
             }
         }
     }
@@ -168,30 +263,54 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
     /// Invariants 1, 4, 5 and 6.
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn hand_over(&self, stack: &mut OctantStack) {
-        let Self { space, sub, .. } = *self;
+        let Self { space, sub, found: Found { sink, first, batch, .. }, .. } = *self;
         let count = stack.candidates.len();
         if count == 0 {
             return;
         }
         let (ids, children) = stack.candidates.pop(count);
-        let mut sink = self.sink.borrow_mut();
+        let mut sink = sink.borrow_mut();
+        let (mut some, mut rows, mut limits) =
+            ([Candidate::default(); MAX_BATCH], [ptr::null_mut::<f32>(); MAX_BATCH], [0.0; MAX_BATCH]);
+        let (mut len, batch) = (0, batch.min(MAX_BATCH));
         for i in 0..count {
             // SAFETY: invariant 6 for the candidates, 4 for the block, 1 for the row.
             let (id, block, limit) = unsafe {
                 let (id, child): (u32, Child) = (*ids.add(i), bytemuck::cast(*children.add(i)));
                 let ray = id as usize & !(WIDTH - 1);
-                (id, sub.tree.block(child), &mut (*sub.rows.byte_add(ray)).limit)
+                (id, sub.tree.block(child), &raw mut (*sub.rows.byte_add(ray)).limit)
             };
-            if *limit < 0.0 {
-                continue;
+            // SAFETY: invariant 1.
+            if unsafe { *limit } >= 0.0 {
+                let row = id as usize % WIDTH;
+                let primitive = space.scene_id(block.id(row)) & PRIMITIVE;
+                let corners = world_corners(space, &block, row);
+                some[len] = Candidate { ray: first + ray_index(id), primitive, corners };
+                rows[len] = limit;
+                len += 1;
             }
-            let row = id as usize % WIDTH;
-            let primitive = space.scene_id(block.id(row)) & crate::bvh::PRIMITIVE;
-            let new = sink.take(ray_index(id), primitive, world_corners(space, &block, row));
-            // Adding +0 turns −0 into 0, as the integer comparisons of `Slabs` require of limits.
-            *limit = limit.min(new) + 0.0;
+            if len == batch || i + 1 == count {
+                sink.take_all(&some[..len], &mut limits[..len]);
+                for k in 0..len {
+                    // SAFETY: invariant 1. Adding +0 turns −0 into 0, as the integer comparisons of `Slabs` require of
+                    // limits.
+                    unsafe { *rows[k] = (*rows[k]).min(limits[k]) + 0.0 };
+                }
+                len = 0;
+            }
         }
     }
+}
+
+/// The positions of the bits of a mask.
+#[inline(always)]
+fn bits_of(mut mask: LaneBits) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        let some = mask != 0;
+        mask &= mask.wrapping_sub(1);
+        some.then_some(lane % MAX_LANES)
+    })
 }
 
 /// The corners of a triangle in the world.
@@ -212,11 +331,23 @@ static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5,
 /// first order, and a reserve.
 const ERRORS: f32 = 100.0 / (1 << 24) as f32;
 
-/// The lanes of `among` whose line may cross the triangle: all but those that two edges certainly have on different
-/// sides. The edge functions are those of the canonical test, but for edges that are computed from corners which are
-/// not relative to the origin: so they are as exact as they can be.
+/// The least size of an edge of which the sign of a volume is known: products of smaller ones may underflow.
+const LEAST_EDGE: f32 = 1e-15;
+
+/// The lanes of `among` whose ray may cross the triangle: all but those whose line two edges certainly have on
+/// different sides. And the lanes of `whole`, rays without ends, that certainly cross it; they are not among the first.
+///
+/// The edge functions are those of the canonical test, but for edges that are computed from corners which are not
+/// relative to the origin: so they are as exact as they can be. A ray crosses the triangle that its line crosses if the
+/// volume between triangle and origin has the sign of the edge functions. Its errors have the same bound.
 #[inline(always)]
-fn candidates<L: Lanes>(l: L, among: LaneBits, lines: &Lines<L>, triangle: &[LaneVec3<L>; 3]) -> LaneBits {
+fn candidates<L: Lanes>(
+    l: L,
+    among: LaneBits,
+    whole: LaneBits,
+    lines: &Lines<L>,
+    triangle: &[LaneVec3<L>; 3],
+) -> (LaneBits, LaneBits) {
     let Lines { origin, direction } = lines;
     let [p, q, r] = *triangle;
     let [a, b, c] = relative_corners(l, origin, triangle);
@@ -228,10 +359,22 @@ fn candidates<L: Lanes>(l: L, among: LaneBits, lines: &Lines<L>, triangle: &[Lan
     let reach = largest(l, &[a, b, c]);
     // The small numbers are for products that underflow.
     let product = l.fma(longest, reach, l.splat(1e-36));
-    let bound = l.fma(product, l.mul(max_abs(l, *direction), l.splat(ERRORS)), l.splat(1e-37));
+    let small = l.splat(1e-37);
+    let bound = l.fma(product, l.mul(max_abs(l, *direction), l.splat(ERRORS)), small);
     let lowest = l.min(l.min(u, v), w);
     let highest = l.max(l.max(u, v), w);
-    among & !l.lt(l.lt(among, bound, highest), lowest, l.neg(bound))
+    let mut some = among & !l.lt(l.lt(among, bound, highest), lowest, l.neg(bound));
+    if whole & some == 0 {
+        return (some, 0);
+    }
+    let volume = dot(l, cross(l, edges[0], edges[1]), a);
+    let bound_of_volume = l.fma(product, l.mul(longest, l.splat(ERRORS)), small);
+    let large = l.le(whole & some, l.splat(LEAST_EDGE), longest);
+    let [positive, negative] = [l.lt(large, bound, lowest), l.lt(large, highest, l.neg(bound))];
+    let is_before = l.lt(positive, bound_of_volume, volume) | l.lt(negative, volume, l.neg(bound_of_volume));
+    let is_behind = l.lt(positive, volume, l.neg(bound_of_volume)) | l.lt(negative, bound_of_volume, volume);
+    some &= !(is_before | is_behind);
+    (some, is_before)
 }
 
 /// The largest component of three vectors.
@@ -244,9 +387,7 @@ fn largest<L: Lanes>(l: L, vectors: &[LaneVec3<L>; 3]) -> L::F {
 /// Visits instances with a [`CandidateVisitor`].
 pub(super) struct CandidateVisits<'a, 's, W, E> {
     pub widths: Widths<W, E>,
-    pub sink: &'a RefCell<&'s mut (dyn TriangleSink + 's)>,
-    /// [`TriangleSink::batch`] of the sink.
-    pub batch: usize,
+    pub found: Found<'a, 's>,
 }
 
 impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
@@ -258,8 +399,7 @@ impl<W: Lanes, E: Lanes> VisitInstance for CandidateVisits<'_, '_, W, E> {
         octant: usize,
         stack: &mut OctantStack,
     ) {
-        let visitor =
-            CandidateVisitor { widths: self.widths, space, sub, sink: self.sink, batch: self.batch };
+        let visitor = CandidateVisitor { widths: self.widths, space, sub, found: self.found };
         // SAFETY: the caller's contract.
         while unsafe { visitor.step(octant, stack) } {}
     }

@@ -4,7 +4,7 @@
 //! Unsafe code for visits. This file establishes invariants 1 to 8 of `substream`, `child_lists` and `packet`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::crossings::{CandidateVisitor, CandidateVisits, TriangleSink};
+use super::crossings::{CandidateVisitor, CandidateVisits, Found, TriangleSink};
 use super::instance_space::World;
 use super::packet::{self, Packet, PacketSet, PacketVisitor};
 use super::ray_lists::RayVisitor;
@@ -19,7 +19,6 @@ use super::{few_rays, instances, setup};
 use crate::bvh::{Bvh, Filter, WIDTH};
 use crate::lanes::{Lanes, MAX_LANES};
 use crate::stream::Ray;
-use glam::Vec3;
 use std::cell::RefCell;
 use std::ptr;
 
@@ -127,7 +126,7 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
     scratch: &mut Scratch,
 ) {
     const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
-    let (tree, batch) = (TreeView::new(bvh.wide(), None), sink.batch());
+    let (tree, batch, tallies) = (TreeView::new(bvh.wide(), None), sink.batch(), sink.tally().is_some());
     let Scratch { rows, shafts, stacks, local, .. } = scratch;
     local.clear();
     for stack in stacks.iter_mut() {
@@ -135,9 +134,9 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
         // Invariant 3.
         stack.entries.reserve(entry_capacity(bvh.wide().depth()));
     }
+    let sink = RefCell::new(sink);
     for (part, rays) in rays.chunks(MAX_RAYS).enumerate() {
-        let mut sink = FromIndex { first: part * MAX_RAYS, sink: &mut *sink };
-        let sink: RefCell<&mut dyn TriangleSink> = RefCell::new(&mut sink);
+        let found = Found { sink: &sink, first: part * MAX_RAYS, batch, tallies };
         let counts = setup::prepare(widths.wide, bvh.scene_max_abs(), rays, rows, shafts, stacks);
         // No answers are written.
         let answers = AnswerPointer::Occluded(ptr::null_mut());
@@ -147,25 +146,13 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
         // because nothing else is pending.
         unsafe {
             if bvh.instances().is_empty() {
-                let visitor = CandidateVisitor { widths, space: World, sub: &sub, sink: &sink, batch };
+                let visitor = CandidateVisitor { widths, space: World, sub: &sub, found };
                 traverse(&visitor, stacks, &counts);
             } else {
-                let visits = CandidateVisits { widths, sink: &sink, batch };
+                let visits = CandidateVisits { widths, found };
                 instances::traverse(widths, &visits, &sub, bvh.instances(), stacks, &counts, local);
             }
         }
-    }
-}
-
-/// A sink for rays whose indices begin further on.
-struct FromIndex<'a> {
-    first: usize,
-    sink: &'a mut dyn TriangleSink,
-}
-
-impl TriangleSink for FromIndex<'_> {
-    fn take(&mut self, ray: usize, primitive: u32, corners: [Vec3; 3]) -> f32 {
-        self.sink.take(self.first + ray, primitive, corners)
     }
 }
 
