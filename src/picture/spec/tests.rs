@@ -63,7 +63,10 @@ fn every_default_is_read_from_its_own_text() {
 #[test]
 fn wrong_values_name_their_key_line_and_column() {
     for (text, says) in [
-        ("{\n  \"sppp\": 1 }", "\"sppp\" is no option of a picture; it may have scene, integrator"),
+        (
+            "{\n  \"sppp\": 1 }",
+            "\"sppp\" is no option of a picture; did you mean \"spp\"? it may have scene, ",
+        ),
         ("{\n  \"spp\": 0 }", "spp: 0 is not in 1..="),
         ("{\n  \"spp\": -1 }", "spp: -1 is not in 1..="),
         ("{ \"spp\": null }", "spp: takes a number or a text"),
