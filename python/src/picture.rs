@@ -15,8 +15,8 @@ use std::path::PathBuf;
 
 /// A picture that has been rendered, with its layers. Notebooks show it as the spec's look does.
 ///
-/// `image` is the radiance, linear Rec. 709. **Arrays are row major with the first row on top, and are copies:** `save`,
-/// `shown` and `hash` are of what was rendered.
+/// `image` is the radiance, linear Rec. 709. **Arrays are row major with the first row on top, and are copies:**
+/// `save`, `shown` and `hash` are of what was rendered.
 ///
 /// >>> import raystream as rs
 /// >>> mesh = rs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])

@@ -170,12 +170,12 @@ pub fn open(
 ///
 /// `scene` is a path (.obj, .gltf, .glb, .ply, .stl, .off, or a .json recipe), a `Scene` or `Mesh` in memory, or a
 /// render spec: a dictionary. `options` is a spec's file, .json or .toml. **Keywords are the keys of a spec, with _ in
-/// place of -**: `size=(640, 360)`, `spp=64`, `aov=["depth", "normal"]`, `eye=(0, 1, 5)`, `max_bounces=4`. They win over
-/// the dictionary, and that over the file. A key that is no option is refused, and so is a value that an option refuses:
-/// ValueError. Files that cannot be read raise OSError, pictures that do not fit in memory MemoryError.
+/// place of -**: `size=(640, 360)`, `spp=64`, `aov=["depth", "normal"]`, `eye=(0, 1, 5)`, `max_bounces=4`. They win
+/// over the dictionary, and that over the file. A key that is no option is refused, and so is a value that an option
+/// refuses: ValueError. Files that cannot be read raise OSError, pictures that do not fit in memory MemoryError.
 ///
-/// `progress` is called with the share that is done, 0 to 1, about twenty times a second, on the calling thread; what it
-/// raises ends the rendering. So does Ctrl-C, but for reading the scene and building its tree, which it waits for.
+/// `progress` is called with the share that is done, 0 to 1, about twenty times a second, on the calling thread; what
+/// it raises ends the rendering. So does Ctrl-C, but for reading the scene and building its tree, which it waits for.
 /// `threads` limits the threads. The picture depends on neither: the same spec has the same hash here, on the command
 /// line, over HTTP and from Rust.
 ///

@@ -15,11 +15,12 @@ use raystream::scene::load::scene_of_mesh;
 
 /// A mesh with what it looks like, to be rendered.
 ///
-/// `vertices` are `(v, 3)` numbers, `faces` `(f, 3)` integers, rows of `vertices`. `normals`, `(v, 3)`, are interpolated
-/// (flat triangles without them; 0 for a vertex that has none); `colours`, `(v, 3)` or `(v, 4)`, linear, 0 to 1, are the
-/// reflectance and, if there is a fourth column, the alpha; `uvs`, `(v, 2)`, are what shaders and the layer uv see, with
-/// (0, 0) at the first row of an image. All are stored in float32. The material is matte and named "default" (the option
-/// `material` changes it), the object "mesh". ValueError names the first vertex, face or number that is wrong.
+/// `vertices` are `(v, 3)` numbers, `faces` `(f, 3)` integers, rows of `vertices`. `normals`, `(v, 3)`, are
+/// interpolated (flat triangles without them; 0 for a vertex that has none); `colours`, `(v, 3)` or `(v, 4)`, linear, 0
+/// to 1, are the reflectance and, if there is a fourth column, the alpha; `uvs`, `(v, 2)`, are what shaders and the
+/// layer uv see, with (0, 0) at the first row of an image. All are stored in float32. The material is matte and named
+/// "default" (the option `material` changes it), the object "mesh". ValueError names the first vertex, face or number
+/// that is wrong.
 ///
 /// >>> import raystream as rs
 /// >>> scene = rs.Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], colours=[[1, 0, 0], [0, 1, 0], [0, 0, 1]])

@@ -7,6 +7,8 @@ import importlib
 import importlib.metadata
 import inspect
 import io
+import json
+import os
 import re
 import unittest
 from pathlib import Path
@@ -106,6 +108,21 @@ class Pages(unittest.TestCase):
                     exec(compile(program, page, "exec"), names)
                 count += 1
         self.assertGreater(count, 4)
+
+    def test_cells_of_the_notebook_run(self):
+        notebook = json.loads((CHECKOUT / "python/examples/views.ipynb").read_text())
+        names, folder = {}, os.getcwd()
+        os.chdir(CHECKOUT / "python/examples")
+        try:
+            for cell in notebook["cells"]:
+                if cell["cell_type"] == "code":
+                    program = ast.parse("".join(cell["source"]))
+                    last = program.body.pop() if isinstance(program.body[-1], ast.Expr) else None
+                    exec(compile(program, "views.ipynb", "exec"), names)
+                    shown = last and eval(compile(ast.Expression(last.value), "views.ipynb", "eval"), names)
+        finally:
+            os.chdir(folder)
+        self.assertTrue(shown and 0 < sum(shown.values()) <= 1, shown)
 
     def test_the_guide_names_all_there_is(self):
         text = (CHECKOUT / "docs/guide/python.md").read_text()

@@ -23,7 +23,8 @@ from shapes import icosphere
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 CORNELL = CHECKOUT / "scenes" / "cornell.json"
-# `raystream render scenes/cornell.json --size 64x48 --spp 8 --max-bounces 4 --seed 7 --aov depth,normal,object` says so.
+# raystream render scenes/cornell.json --size 64x48 --spp 8 --max-bounces 4 --seed 7 --aov depth,normal,object
+# tells these hashes.
 SPEC = {"size": [64, 48], "spp": 8, "max-bounces": 4, "seed": 7, "aov": ["depth", "normal", "object"]}
 HASH = "05ed8baea32ffd89"
 LAYERS = {"depth": "ffdbbf29dfe77427", "normal": "c9a51f755dbf5569", "object": "a0a496978d65a4ff"}
@@ -144,8 +145,9 @@ class Scenes(unittest.TestCase):
         square = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
         for alpha, least, most in ((1, 1, 1), (0.5, 0.3, 0.7)):
             scene = rs.Scene(square, [[0, 1, 2], [0, 2, 3]], colours=np.full((4, 4), alpha), uvs=np.zeros((4, 2)))
-            seen = rs.render(scene, size=(32, 32), spp=16, eye=(0, 0, 2), target=(0, 0, 0), transparent=True, env="1,1,1")["alpha"]
-            self.assertTrue(least <= seen[16, 16] <= most, seen[16, 16])
+            picture = rs.render(scene, **sized(spp=16, eye=(0, 0, 2), target=(0, 0, 0), transparent=True))
+            seen = picture["alpha"][15, 20]
+            self.assertTrue(least <= seen <= most, seen)
 
     def test_bad_arrays_are_refused(self):
         triangle = np.eye(3, dtype=np.float32)
