@@ -177,3 +177,20 @@ fn the_schema_names_every_option() {
     assert_eq!(properties.len(), RenderSpec::options().len());
     assert!(properties.values().all(|property| property["description"].is_string()));
 }
+
+#[test]
+fn names_that_are_nearly_right_are_answered_with_the_right_ones() {
+    let told = |name: &str| RenderSpec::default().set(name, &Value::from(1)).expect_err(name).to_string();
+    for (wrong, right) in [
+        ("max_bounces", "max-bounces"),
+        ("sizes", "size"),
+        ("fstop", "f-stop"),
+        ("Seed", "seed"),
+        ("whitebalance", "white-balance"),
+    ] {
+        assert!(told(wrong).contains(&format!("did you mean {right:?}? ")), "{}", told(wrong));
+    }
+    for far in ["threads", "output", "x", ""] {
+        assert!(!told(far).contains("did you mean"), "{}", told(far));
+    }
+}
