@@ -26,6 +26,7 @@ from ._raystream import (
     simd,
 )
 
+# Without `open`: `from raystream import *` leaves the built-in one.
 __all__ = [
     "Hits",
     "Mesh",
@@ -36,7 +37,6 @@ __all__ = [
     "World",
     "__version__",
     "info",
-    "open",
     "rays",
     "render",
     "simd",
