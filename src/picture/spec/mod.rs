@@ -303,9 +303,9 @@ fn unknown(name: &str) -> String {
 
 /// The name that differs least from one that may be mistyped, if any is near.
 fn near<'a>(name: &str, names: &[&'a str]) -> Option<&'a str> {
-    let far = (name.len() / 3).max(1) + 1;
+    let most = (name.len() / 3).max(1).min(name.len().saturating_sub(1));
     let distances = names.iter().map(|&known| (differences(name, known), known));
-    distances.filter(|&(distance, _)| distance < far).min().map(|(_, known)| known)
+    distances.filter(|&(distance, _)| distance <= most).min().map(|(_, known)| known)
 }
 
 /// Characters to insert, leave out or replace in one text to get the other (Levenshtein 1966).
