@@ -178,7 +178,7 @@ mod tests {
         assert!(frame.mean_samples > 8.0 && frame.mean_samples <= 64.0, "{}", frame.mean_samples);
         // The depth of a pixel is that of a ray through its centre.
         assert_eq!(frame.rays.camera as f64, (frame.mean_samples + 1.0) * 64.0 * 48.0);
-        assert!(frame.rays.shadow > 0 && frame.passes > 1 && frame.warnings.is_empty());
+        assert!(frame.rays.continuation > 0 && frame.passes > 1 && frame.warnings.is_empty());
         assert!(frame.noise.expect("a target").mean > 0.0);
         let shares = watch.0.into_inner().expect("no panic");
         assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
