@@ -136,6 +136,21 @@ pub mod compare;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod meters;
 
+/// The features of this build that change what it can do, by their names in Cargo.
+///
+/// ```
+/// assert_eq!(raystream::features().any(|name| name == "gpu"), cfg!(feature = "gpu"));
+/// ```
+pub fn features() -> impl Iterator<Item = &'static str> {
+    let all = [
+        ("flat", cfg!(feature = "flat")),
+        ("gpu", cfg!(feature = "gpu")),
+        ("nvml", cfg!(feature = "nvml")),
+        ("picture", cfg!(feature = "picture")),
+    ];
+    all.into_iter().filter(|(_, is_built)| *is_built).map(|(name, _)| name)
+}
+
 /// Names that most programs that render use: `use raystream::prelude::*`.
 #[cfg(feature = "render")]
 pub mod prelude {

@@ -1,4 +1,4 @@
-"""Ray queries on triangle meshes: first hits, occlusion, all hits, counts, nearest points, distances.
+"""Ray queries on triangle meshes: first hits, occlusion, all hits, counts, nearest points, distances; and pictures.
 
 >>> import numpy as np
 >>> import raystream as rs
@@ -6,9 +6,38 @@
 >>> rays = np.array([[0.25, 0.5, 2, 0, 0, -1], [5, 5, 2, 0, 0, -1]], np.float32)
 >>> mesh.cast(rays).t
 array([ 2., inf], dtype=float32)
+>>> rs.render(mesh, size=(32, 24), spp=4)
+Picture(32x24)
 """
 
 from . import rays
-from ._raystream import Hits, Mesh, Queries, World, __version__, simd
+from ._raystream import (
+    Hits,
+    Mesh,
+    Picture,
+    Queries,
+    Rendering,
+    Scene,
+    World,
+    __version__,
+    info,
+    open,
+    render,
+    simd,
+)
 
-__all__ = ["Hits", "Mesh", "Queries", "World", "__version__", "rays", "simd"]
+# Without `open`: `from raystream import *` leaves the built-in one.
+__all__ = [
+    "Hits",
+    "Mesh",
+    "Picture",
+    "Queries",
+    "Rendering",
+    "Scene",
+    "World",
+    "__version__",
+    "info",
+    "rays",
+    "render",
+    "simd",
+]

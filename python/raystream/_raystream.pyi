@@ -1,4 +1,5 @@
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from os import PathLike
 from typing import Any, Literal, SupportsFloat
 
 import numpy as np
@@ -13,6 +14,28 @@ _Bools = NDArray[np.bool_]
 _Rule = Literal["closed", "half-open"]
 _Want = str | Sequence[str]
 _Out = Mapping[str, NDArray[Any]] | Hits
+_Path = str | PathLike[str]
+_Scene = _Path | Scene | Mesh | dict[str, Any]
+_Progress = Callable[[float], object]
+
+def info() -> dict[str, Any]: ...
+def open(
+    scene: _Scene | None = None,
+    /,
+    *,
+    options: _Path | None = None,
+    threads: int | None = None,
+    **spec: Any,
+) -> Rendering: ...
+def render(
+    scene: _Scene | None = None,
+    /,
+    *,
+    options: _Path | None = None,
+    progress: _Progress | None = None,
+    threads: int | None = None,
+    **spec: Any,
+) -> Any: ...
 
 def hemisphere(
     points: ArrayLike,
@@ -195,3 +218,59 @@ class World(Queries):
     def set_visible(self, ids: ArrayLike, visible: bool) -> None: ...
     def set_mesh(self, ids: ArrayLike, mesh: Mesh) -> None: ...
     def set_transforms(self, ids: ArrayLike, transforms: ArrayLike) -> None: ...
+
+class Scene:
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        normals: ArrayLike | None = None,
+        colours: ArrayLike | None = None,
+        uvs: ArrayLike | None = None,
+    ) -> None: ...
+    @property
+    def triangle_count(self) -> int: ...
+    @property
+    def bounds(self) -> _Floats: ...
+
+class Rendering:
+    def render(
+        self,
+        frame: int | None = None,
+        *,
+        progress: _Progress | None = None,
+        threads: int | None = None,
+    ) -> Picture: ...
+    @property
+    def frames(self) -> range: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def spec(self) -> dict[str, Any]: ...
+    @property
+    def warnings(self) -> list[str]: ...
+    @property
+    def scene_hash(self) -> str: ...
+
+class Picture:
+    def __getitem__(self, name: str, /) -> NDArray[Any]: ...
+    def keys(self) -> list[str]: ...
+    def shown(self) -> NDArray[np.uint8]: ...
+    def save(self, path: _Path) -> None: ...
+    def hash(self) -> str: ...
+    def layer_hashes(self) -> dict[str, str]: ...
+    @property
+    def image(self) -> _Floats: ...
+    @property
+    def layers(self) -> dict[str, NDArray[Any]]: ...
+    @property
+    def names(self) -> dict[str, list[str]]: ...
+    @property
+    def metadata(self) -> dict[str, str]: ...
+    @property
+    def stats(self) -> dict[str, Any]: ...
+    @property
+    def frame(self) -> int: ...
+    @property
+    def name(self) -> str: ...

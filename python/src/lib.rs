@@ -1,6 +1,8 @@
-//! The extension module of the wheel: arrays of Python in, queries of `raystream_rays`, arrays out.
+//! The extension module of the wheel: arrays of Python in, queries of `raystream_rays` and pictures of `raystream`,
+//! arrays out.
 //!
-//! It has no logic of its own: what a question means stands in `raystream_rays::query`.
+//! It has no logic of its own: what a question means stands in `raystream_rays::query`, what a picture is in
+//! `raystream::picture`.
 //!
 //! | module | holds |
 //! |---|---|
@@ -10,29 +12,64 @@
 //! | `calls` | questions: arguments in, answers out |
 //! | `queries`, `mesh`, `world` | classes |
 //! | `target` | a mesh or a world at the time of a call |
+//! | `spec`, `scene`, `rendering`, `picture` | render specs, scenes in memory, pictures |
+//! | `errors`, `warnings` | errors and warnings of the engine as Python's |
 //! | `threads` | threads of this process, forks, interrupts |
 
 mod answers;
 mod arrays;
 mod calls;
 mod columns;
+mod errors;
 mod memory;
 mod mesh;
+mod picture;
 mod queries;
 mod rays;
+mod rendering;
+mod scene;
+mod spec;
 mod target;
 mod threads;
+mod warnings;
 mod world;
 
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use raystream_rays::query::SimdLevel;
 
-/// Ray queries on meshes.
+/// What this build can do here: `version`, `simd` (the level in use), `simd_levels` (all that this processor has, best
+/// first), `threads` (of a call without `threads=`) and `features` of the engine.
+///
+/// >>> import raystream as rs
+/// >>> rs.info()["version"] == rs.__version__, rs.info()["simd"] == rs.simd
+/// (True, True)
+#[pyfunction]
+fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let info = PyDict::new(py);
+    info.set_item("version", env!("CARGO_PKG_VERSION"))?;
+    info.set_item("simd", SimdLevel::detect().name())?;
+    let levels: Vec<&str> = SimdLevel::available().into_iter().map(SimdLevel::name).collect();
+    info.set_item("simd_levels", levels)?;
+    info.set_item("threads", threads::usual())?;
+    info.set_item("features", raystream::features().collect::<Vec<_>>())?;
+    Ok(info)
+}
+
+/// Ray queries on meshes, and pictures.
 #[pymodule(gil_used = false)]
 fn _raystream(module: &Bound<'_, PyModule>) -> PyResult<()> {
     threads::prepare();
+    warnings::forward();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("simd", raystream_rays::query::SimdLevel::detect().to_string())?;
+    module.add("simd", SimdLevel::detect().to_string())?;
     module.add_function(wrap_pyfunction!(calls::hemisphere, module)?)?;
+    module.add_function(wrap_pyfunction!(info, module)?)?;
+    module.add_function(wrap_pyfunction!(rendering::open, module)?)?;
+    module.add_function(wrap_pyfunction!(rendering::render, module)?)?;
+    module.add_class::<picture::Picture>()?;
+    module.add_class::<rendering::Rendering>()?;
+    module.add_class::<scene::Scene>()?;
     module.add_class::<queries::Queries>()?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<world::World>()?;

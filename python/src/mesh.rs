@@ -282,7 +282,7 @@ fn defect(error: query::GeometryError) -> PyErr {
 }
 
 /// Numbers of an argument that has this shape.
-fn checked(given: &Numbers<'_, f32>, shape: &[usize], name: &str) -> PyResult<Vec<f32>> {
+pub fn checked(given: &Numbers<'_, f32>, shape: &[usize], name: &str) -> PyResult<Vec<f32>> {
     if given.shape() != shape {
         let found = given.shape();
         return Err(PyValueError::new_err(format!("{name} have the shape {found:?}; it must be {shape:?}")));
@@ -296,7 +296,7 @@ fn copy<'py, T: Element + Copy>(py: Python<'py>, rows: &[[T; 3]]) -> PyResult<Bo
 }
 
 /// Integers of the argument `faces`.
-fn faces_of(faces: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
+pub fn faces_of(faces: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
     if let Some(given) = exactly::<u32>(faces) {
         leading(&given, 3, "faces")?;
         return Ok(given.as_slice()?.as_chunks().0.to_vec());

@@ -6,7 +6,9 @@
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use raystream::schedule::ServiceOptions;
 use std::ops::Range;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, LazyLock, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -21,6 +23,9 @@ pub const FIRST_POINTS: usize = 1 << 12;
 
 /// Time between two looks for Ctrl-C, about.
 const BLOCK_TIME: Duration = Duration::from_millis(50);
+
+/// Stack of a thread: recursive shaders are deep. Pages are taken where they are used.
+const STACK_BYTES: usize = 16 << 20;
 
 /// The pools of a process, by their number of threads.
 struct Pools {
@@ -51,7 +56,8 @@ impl Pools {
             return Ok(pool.clone());
         }
         let named = |index| format!("raystream-{index}");
-        let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(named).build();
+        let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(named).stack_size(STACK_BYTES);
+        let pool = pool.build();
         let pool = Arc::new(pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?);
         pools.push((threads, pool.clone()));
         Ok(pool)
@@ -66,7 +72,7 @@ pub fn prepare() {
 
 /// The number of threads of a call without `threads=`: that of `RAYON_NUM_THREADS`, else of the processors that this
 /// process may use.
-fn usual() -> usize {
+pub fn usual() -> usize {
     static USUAL: LazyLock<usize> = LazyLock::new(|| {
         let set = std::env::var("RAYON_NUM_THREADS").ok().and_then(|value| value.parse().ok());
         set.filter(|&threads| threads > 0)
@@ -108,6 +114,52 @@ impl Threads {
         py.detach(|| match &self.pool {
             Some(pool) => pool.install(function),
             None => function(),
+        })
+    }
+
+    /// These threads for a service; the calling one alone has none to give.
+    pub fn service_options(&self, options: ServiceOptions) -> ServiceOptions {
+        match &self.pool {
+            Some(pool) => options.with_rayon_pool(Arc::clone(pool)),
+            None => options.with_host_threads(1),
+        }
+    }
+
+    /// Runs a function on these threads with the interpreter released. Meanwhile the calling thread looks for signals
+    /// and calls `look`, about twenty times a second. After an error it calls `stop`, waits for the function's end and
+    /// returns that error.
+    ///
+    /// # Errors
+    /// That of `look`, or of a signal's handler, such as KeyboardInterrupt.
+    pub fn watched<T: Send>(
+        &self,
+        py: Python<'_>,
+        function: impl FnOnce() -> T + Send,
+        mut look: impl FnMut(Python<'_>) -> PyResult<()> + Send,
+        stop: impl Fn() + Sync,
+    ) -> PyResult<T> {
+        let Some(pool) = &self.pool else { return Ok(py.detach(function)) };
+        py.detach(|| {
+            let (sender, receiver) = mpsc::channel();
+            let (mut looked, mut done) = (Ok(()), None);
+            pool.in_place_scope(|scope| {
+                // Nobody is left who could have gone.
+                scope.spawn(move |_| drop(sender.send(function())));
+                loop {
+                    match receiver.recv_timeout(BLOCK_TIME) {
+                        Err(RecvTimeoutError::Timeout) if looked.is_ok() => {
+                            looked = Python::attach(|py| py.check_signals().and_then(|()| look(py)));
+                            if looked.is_err() {
+                                stop();
+                            }
+                        }
+                        Err(RecvTimeoutError::Timeout) => {}
+                        // Without a value it has panicked, which the scope goes on with.
+                        received => return done = received.ok(),
+                    }
+                }
+            });
+            looked.map(|()| done.expect("the function has returned"))
         })
     }
 

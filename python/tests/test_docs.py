@@ -7,6 +7,8 @@ import importlib
 import importlib.metadata
 import inspect
 import io
+import json
+import os
 import re
 import unittest
 from pathlib import Path
@@ -15,7 +17,8 @@ import raystream as rs
 
 PACKAGE = Path(rs.__file__).parent
 CHECKOUT = Path(__file__).resolve().parents[2]
-CLASSES = [rs.Hits, rs.Queries, rs.Mesh, rs.World]
+CLASSES = [rs.Hits, rs.Queries, rs.Mesh, rs.World, rs.Scene, rs.Rendering, rs.Picture]
+FUNCTIONS = [rs.info, rs.open, rs.render]
 MODULES = ["raystream", "raystream.rays", "raystream.compat", "raystream.compat.open3d", "raystream.compat.embreex"]
 
 
@@ -40,14 +43,15 @@ class Docstrings(unittest.TestCase):
             self.assertTrue(inspect.getdoc(owner), owner)
             for name in public(owner):
                 self.assertTrue(inspect.getdoc(getattr(owner, name)), f"{owner.__name__}.{name}")
-        for name in rs.rays.__all__:
-            self.assertTrue(inspect.getdoc(getattr(rs.rays, name)))
+        for function in FUNCTIONS + [getattr(rs.rays, name) for name in rs.rays.__all__]:
+            self.assertTrue(inspect.getdoc(function), function)
 
 
 class Stubs(unittest.TestCase):
     def setUp(self):
         tree = ast.parse((PACKAGE / "_raystream.pyi").read_text())
         self.classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+        self.functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
 
     def test_stubs_have_the_members_of_classes(self):
         columns = {"t", "primitive", "instance", "uv", "normal", "shading_normal", "position", "position64"}
@@ -66,14 +70,21 @@ class Stubs(unittest.TestCase):
             for node in self.classes[owner.__name__].body:
                 if not isinstance(node, ast.FunctionDef) or node.decorator_list or node.name == "__init__":
                     continue
-                found = inspect.signature(getattr(owner, node.name)).parameters
-                positional = [argument.arg for argument in node.args.posonlyargs + node.args.args]
-                keywords = [argument.arg for argument in node.args.kwonlyargs]
                 if node.name.startswith("__"):
                     continue
-                self.assertEqual(positional + keywords, list(found), f"{owner.__name__}.{node.name}")
-                for name in keywords:
-                    self.assertEqual(found[name].kind, inspect.Parameter.KEYWORD_ONLY, name)
+                self.check_arguments(node, getattr(owner, node.name))
+        for function in FUNCTIONS:
+            self.check_arguments(self.functions[function.__name__], function)
+
+    def check_arguments(self, node, function):
+        """A stub has the arguments of its function."""
+        found = inspect.signature(function).parameters
+        positional = [argument.arg for argument in node.args.posonlyargs + node.args.args]
+        keywords = [argument.arg for argument in node.args.kwonlyargs]
+        others = [node.args.kwarg.arg] if node.args.kwarg else []
+        self.assertEqual(positional + keywords + others, list(found), node.name)
+        for name in keywords:
+            self.assertEqual(found[name].kind, inspect.Parameter.KEYWORD_ONLY, name)
 
     def test_the_package_is_typed_and_needs_numpy_alone(self):
         self.assertTrue((PACKAGE / "py.typed").is_file())
@@ -98,6 +109,21 @@ class Pages(unittest.TestCase):
                 count += 1
         self.assertGreater(count, 4)
 
+    def test_cells_of_the_notebook_run(self):
+        notebook = json.loads((CHECKOUT / "python/examples/views.ipynb").read_text())
+        names, folder = {}, os.getcwd()
+        os.chdir(CHECKOUT / "python/examples")
+        try:
+            for cell in notebook["cells"]:
+                if cell["cell_type"] == "code":
+                    program = ast.parse("".join(cell["source"]))
+                    last = program.body.pop() if isinstance(program.body[-1], ast.Expr) else None
+                    exec(compile(program, "views.ipynb", "exec"), names)
+                    shown = last and eval(compile(ast.Expression(last.value), "views.ipynb", "eval"), names)
+        finally:
+            os.chdir(folder)
+        self.assertTrue(shown and 0 < sum(shown.values()) <= 1, shown)
+
     def test_the_guide_names_all_there_is(self):
         text = (CHECKOUT / "docs/guide/python.md").read_text()
         for owner in CLASSES:
@@ -105,6 +131,8 @@ class Pages(unittest.TestCase):
                 self.assertRegex(text, rf"`[^`]*\b{name}\b[^`]*`", f"{owner.__name__}.{name}")
         for name in rs.rays.__all__:
             self.assertIn(f"rays.{name}", text)
+        for function in FUNCTIONS:
+            self.assertIn(f"rs.{function.__name__}(", text)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,6 @@ pub use region::Region;
 pub use view::View;
 #[cfg(feature = "formats")]
 pub use write::{
-    ExrCompression, Format, LayerFormat, PngBits, WriteError, WriteOptions, picture_files, write_image,
-    write_picture,
+    ExrCompression, Format, LayerFormat, PngBits, WriteError, WriteOptions, each_array, encode_png,
+    picture_files, shown_pixels, write_image, write_picture,
 };

@@ -10,7 +10,7 @@ use crate::memory::MemoryBudget;
 use crate::render::{AovSet, PASSES_IN_FLIGHT};
 use crate::scene::Scene;
 use crate::scene::load::LoadOptions;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -127,8 +127,10 @@ impl CheckedSpec {
 /// # Errors
 /// How much is needed, and how much there is.
 pub fn afford(memory: &MemoryBudget, what: String, bytes: u64) -> Result<()> {
-    let checked = memory.check(what, bytes);
-    checked.map_err(|error| anyhow!("{error}; make it smaller, or raise the limit (--memory)"))
+    memory.check(what, bytes).map_err(|error| {
+        let told = format!("{error}; make it smaller, or raise the limit (--memory)");
+        anyhow::Error::new(error).context(told)
+    })
 }
 
 /// True if scenes of this format name shaders.

@@ -27,6 +27,7 @@ pub mod shaders;
 mod spec;
 mod unit;
 mod views;
+mod watched;
 
 pub use any_integrator::AnyIntegrator;
 pub use checked::{CheckedSpec, afford};
@@ -40,6 +41,7 @@ pub use rendering::{Rendering, mean_samples};
 pub use shaders::{ShaderSurface, Shaders};
 pub use spec::*;
 pub use unit::{FrameSum, Watch};
+pub use watched::RenderedFrame;
 
 /// Tells an error with its causes, without causes that its text already contains.
 pub fn with_causes(error: &anyhow::Error) -> String {

@@ -3,14 +3,15 @@
 use super::plugin_options::PluginOptions;
 use super::registry::IntegratorParams;
 use super::spec::RenderSpec;
+use super::watched::Unwatched;
 use super::{AnyIntegrator, CheckedSpec, Frames};
 use crate::engine::PreparedScene;
 use crate::film::Picture;
 use crate::lanes::SimdLevel;
-use crate::render::{Integrator, PassOptions, Progressive};
+use crate::render::{Integrator, Progressive};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Policy, Service};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use std::sync::Arc;
 
 /// A spec with its prepared scene, ready to render any of its frames.
@@ -132,15 +133,8 @@ impl Rendering {
             self.spec().stop.seconds.is_none(),
             "seconds: a picture of a time is no function of its spec"
         );
-        let camera = self.camera(frame)?;
-        let options = PassOptions { noise: self.spec().stop.noise, pass_time: None };
-        let mut progressive = Progressive::new(self.integrator(&camera)?, options);
-        loop {
-            progressive.begin(|pass| self.submit(service, pass, JobOptions::default()))?;
-            if progressive.finish_pass().context("the frame failed")?.is_none() {
-                return Ok(self.developed(&progressive, &camera));
-            }
-        }
+        let frame = self.render_watched(service, frame, &Unwatched)?;
+        Ok(frame.expect("nothing stops it").picture)
     }
 
     /// The picture of a frame so far, with facts about it.

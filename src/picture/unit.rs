@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long a job is waited for between two looks.
-const LOOK: Duration = Duration::from_millis(50);
+pub(super) const LOOK: Duration = Duration::from_millis(50);
 
 /// Unfinished frames are saved at this interval.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
@@ -57,7 +57,7 @@ impl Rendering {
         Ok(Patch::of(piece.frame()))
     }
 
-    fn submit_watched(
+    pub(super) fn submit_watched(
         &self,
         service: &Service,
         integrator: &AnyIntegrator,
@@ -131,7 +131,7 @@ impl Rendering {
     }
 }
 
-fn count(report: &JobReport, watch: &dyn Watch) {
+pub(super) fn count(report: &JobReport, watch: &dyn Watch) {
     watch.traced(report.rays.total(), report.wall_s);
     for event in &report.events {
         log::warn!("{event}");

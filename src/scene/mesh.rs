@@ -82,6 +82,14 @@ pub enum MeshError {
         /// Vertex index.
         vertex: usize,
     },
+    /// A colour is out of range.
+    #[error("colours: vertex {vertex} has {value}; colours are linear, from 0 to 1")]
+    Colour {
+        /// Vertex index.
+        vertex: usize,
+        /// The channel's value.
+        value: f32,
+    },
     /// A per-vertex attribute has another length than the positions.
     #[error("{attribute}: {found} entries for {expected} vertices")]
     Attribute {
@@ -225,6 +233,18 @@ impl Mesh {
             });
         }
         Ok(())
+    }
+}
+
+impl Mesh {
+    /// Checks that colours are from 0 to 1.
+    #[cfg(feature = "formats")]
+    pub(super) fn check_colours(&self) -> Result<(), MeshError> {
+        let is_inside = |colour: &Vec4| (colour.cmpge(Vec4::ZERO) & colour.cmple(Vec4::ONE)).all();
+        let Some(vertex) = first_outside(&self.colours, is_inside) else { return Ok(()) };
+        let channels = self.colours[vertex].to_array();
+        let value = channels.into_iter().find(|channel| !(0.0..=1.0).contains(channel)).unwrap_or(f32::NAN);
+        Err(MeshError::Colour { vertex, value })
     }
 }
 

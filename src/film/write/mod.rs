@@ -1,5 +1,6 @@
 //! Writes pictures to files.
 
+mod arrays;
 mod beside;
 mod cryptomatte;
 mod exr;
@@ -12,6 +13,7 @@ mod png;
 #[cfg(test)]
 mod tests;
 
+pub use arrays::each_array;
 pub use beside::picture_files;
 pub use options::{ExrCompression, LayerFormat, PngBits, WriteOptions};
 
@@ -128,6 +130,26 @@ pub fn write_picture(
     })?)
 }
 
+/// Encodes a picture as a `.png`: what [`write_picture`] writes to a file of that name, without its layers.
+///
+/// # Panics
+/// If alpha has not as many pixels as the image.
+pub fn encode_png(picture: &Picture, look: &Look, bits: PngBits) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    png::write(&mut bytes, picture, look, bits)
+        .expect("memory takes all bytes, and the size is one of a picture");
+    bytes
+}
+
+/// The picture as the look shows it: 8 bits a channel, row major, first row on top; three channels a pixel, or four
+/// with straight alpha. They are the pixels of [`encode_png`].
+///
+/// # Panics
+/// If alpha has not as many pixels as the image.
+pub fn shown_pixels(picture: &Picture, look: &Look) -> Vec<u8> {
+    png::samples(picture, look, PngBits::Eight)
+}
+
 fn write_hdr(file: impl Write, image: &Image) -> io::Result<()> {
     let bytes: &[u8] = bytemuck::cast_slice(&image.pixels);
     let (width, height) = (image.width, image.height);
@@ -140,7 +162,7 @@ fn write_hdr(file: impl Write, image: &Image) -> io::Result<()> {
 
 fn write_npy(file: impl Write, picture: &Picture) -> io::Result<()> {
     let Image { width, height, pixels } = &picture.image;
-    let mut array = beside::plane(*width, *height, Values::F32(pixels.as_flattened()));
+    let mut array = arrays::plane(*width, *height, Values::F32(pixels.as_flattened()));
     let Some(alpha) = &picture.alpha else {
         array.shape.push(3);
         return array.write_npy(file);

@@ -371,3 +371,34 @@ fn layers_that_png_files_cannot_hold_are_refused() {
         assert!(text.contains("values of another kind"), "{text}");
     }
 }
+
+#[test]
+fn pictures_in_memory_are_those_of_files() {
+    let (folder, picture, look) = (tempfile::tempdir().expect("a folder"), picture(), Look::default());
+    for bits in [PngBits::Eight, PngBits::Sixteen] {
+        let options = WriteOptions::default().with_png_bits(bits);
+        let file = write_to(folder.path(), "a.png", &picture, options);
+        assert_eq!(encode_png(&picture, &look, bits), std::fs::read(file).expect("a file"));
+    }
+    let decoder = ::png::Decoder::new(io::Cursor::new(encode_png(&picture, &look, PngBits::Eight)));
+    let mut pixels = vec![0; 12 * 4];
+    decoder.read_info().expect("a PNG").next_frame(&mut pixels).expect("pixels");
+    assert_eq!(shown_pixels(&picture, &look), pixels);
+
+    let mut arrays = Vec::new();
+    let all: Result<(), ()> = each_array(&picture, |name, array| {
+        assert_eq!(array.shape.iter().product::<u64>(), array.values.count() as u64, "{name}");
+        arrays.push((name, array.shape.clone()));
+        Ok(())
+    });
+    all.expect("nothing fails");
+    let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
+    assert_eq!(names, ["image", "alpha", "depth", "z", "normal", "object", "primitive", "crypto-object"]);
+    assert_eq!((&*arrays[0].1, &*arrays[2].1, &*arrays[4].1), (&[3, 4, 3][..], &[3, 4][..], &[3, 4, 3][..]));
+    let mut count = 0;
+    let ended = each_array(&picture, |_, _| {
+        count += 1;
+        if count == 2 { Err("enough") } else { Ok(()) }
+    });
+    assert_eq!((ended, count), (Err("enough"), 2));
+}

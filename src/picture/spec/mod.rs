@@ -297,7 +297,30 @@ impl RenderSpec {
 /// What is said of a key that is no option.
 fn unknown(name: &str) -> String {
     let names: Vec<&str> = RenderSpec::options().iter().map(|option| option.name).collect();
-    format!("{name:?} is no option of a picture; it may have {}", names.join(", "))
+    let near = near(name, &names).map_or_else(String::new, |near| format!("did you mean {near:?}? "));
+    format!("{name:?} is no option of a picture; {near}it may have {}", names.join(", "))
+}
+
+/// The name that differs least from one that may be mistyped, if any is near.
+fn near<'a>(name: &str, names: &[&'a str]) -> Option<&'a str> {
+    let most = (name.len() / 3).max(1).min(name.len().saturating_sub(1));
+    let distances = names.iter().map(|&known| (differences(name, known), known));
+    distances.filter(|&(distance, _)| distance <= most).min().map(|(_, known)| known)
+}
+
+/// Characters to insert, leave out or replace in one text to get the other (Levenshtein 1966).
+fn differences(from: &str, to: &str) -> usize {
+    let to: Vec<char> = to.chars().collect();
+    let mut row: Vec<usize> = (0..=to.len()).collect();
+    for (i, a) in from.chars().enumerate() {
+        let mut before = std::mem::replace(&mut row[0], i + 1);
+        for (j, b) in to.iter().enumerate() {
+            let replaced = before + usize::from(a != *b);
+            before = row[j + 1];
+            row[j + 1] = replaced.min(before + 1).min(row[j] + 1);
+        }
+    }
+    row[to.len()]
 }
 
 impl Serialize for RenderSpec {

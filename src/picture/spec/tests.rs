@@ -63,7 +63,10 @@ fn every_default_is_read_from_its_own_text() {
 #[test]
 fn wrong_values_name_their_key_line_and_column() {
     for (text, says) in [
-        ("{\n  \"sppp\": 1 }", "\"sppp\" is no option of a picture; it may have scene, integrator"),
+        (
+            "{\n  \"sppp\": 1 }",
+            "\"sppp\" is no option of a picture; did you mean \"spp\"? it may have scene, ",
+        ),
         ("{\n  \"spp\": 0 }", "spp: 0 is not in 1..="),
         ("{\n  \"spp\": -1 }", "spp: -1 is not in 1..="),
         ("{ \"spp\": null }", "spp: takes a number or a text"),
@@ -173,4 +176,21 @@ fn the_schema_names_every_option() {
     let properties = schema["properties"].as_object().expect("properties");
     assert_eq!(properties.len(), RenderSpec::options().len());
     assert!(properties.values().all(|property| property["description"].is_string()));
+}
+
+#[test]
+fn names_that_are_nearly_right_are_answered_with_the_right_ones() {
+    let told = |name: &str| RenderSpec::default().set(name, &Value::from(1)).expect_err(name).to_string();
+    for (wrong, right) in [
+        ("max_bounces", "max-bounces"),
+        ("sizes", "size"),
+        ("fstop", "f-stop"),
+        ("Seed", "seed"),
+        ("whitebalance", "white-balance"),
+    ] {
+        assert!(told(wrong).contains(&format!("did you mean {right:?}? ")), "{}", told(wrong));
+    }
+    for far in ["threads", "output", "x", ""] {
+        assert!(!told(far).contains("did you mean"), "{}", told(far));
+    }
 }

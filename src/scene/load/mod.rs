@@ -28,6 +28,7 @@ mod warnings;
 pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with};
 pub use error::{LoadError, LoadProblem};
 pub use options::LoadOptions;
+pub use plain::scene_of_mesh;
 
 #[cfg(doc)]
 use super::EnvironmentMap;

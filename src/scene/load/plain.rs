@@ -1,13 +1,42 @@
 //! Scenes of files that hold one mesh and no materials.
 
 use super::warnings::Warnings;
-use crate::scene::{Alpha, AlphaMode, Material, Mesh, Object, Objects, Scene};
+use crate::scene::{Alpha, AlphaMode, Material, Mesh, Object, Objects, Scene, SceneError};
 use std::path::Path;
+
+/// The scene of a mesh in memory, as a file that holds it alone would give it: one object of this name, of the material
+/// `default`, which is matte, of the vertices' colours or grey. Normals are normalised.
+///
+/// ```
+/// use raystream::glam::Vec3;
+/// use raystream::scene::{Mesh, load::scene_of_mesh};
+///
+/// let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+/// let scene = scene_of_mesh(mesh, "paper")?;
+/// assert_eq!(scene.materials[0].name, "default");
+/// # Ok::<(), raystream::scene::SceneError>(())
+/// ```
+///
+/// # Errors
+/// What [`Scene::validate`] finds, and colours that are not from 0 to 1.
+pub fn scene_of_mesh(mut mesh: Mesh, name: &str) -> Result<Scene, SceneError> {
+    mesh.check_colours()?;
+    for normal in mesh.normals.iter_mut().filter(|normal| normal.is_finite()) {
+        *normal = normal.normalize_or_zero();
+    }
+    let mut warnings = Warnings::default();
+    let scene = scene(mesh, object(name), true, &mut warnings);
+    scene.validate()?;
+    Ok(Scene { warnings: warnings.into_list(), ..scene })
+}
 
 /// The objects of a file that is one object: it has the file's name.
 pub(super) fn one_object(path: &Path) -> Objects {
+    object(&path.file_stem().unwrap_or_default().to_string_lossy())
+}
+
+fn object(name: &str) -> Objects {
     let mut objects = Objects::default();
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let object = objects.add(Object::new(name));
     objects.assign(0, object);
     objects
@@ -37,4 +66,35 @@ fn material(mesh: &Mesh, has_alpha: bool, warnings: &mut Warnings) -> Material {
     }
     material.alpha = Alpha { mode: AlphaMode::Blend, vertex: true, ..Alpha::default() };
     material
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Vec3, Vec4};
+
+    fn triangle() -> Mesh {
+        Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]])
+    }
+
+    #[test]
+    fn meshes_in_memory_are_checked_and_coloured() {
+        let plain = scene_of_mesh(triangle(), "a").expect("a scene");
+        assert_eq!(plain.materials, [Material::fallback()]);
+        let coloured = |colour| scene_of_mesh(Mesh { colours: vec![colour; 3], ..triangle() }, "a");
+        let opaque = coloured(Vec4::new(0.0, 0.5, 1.0, 1.0)).expect("a scene");
+        assert_eq!(opaque.materials, [Material::vertex_coloured()]);
+        let clear = coloured(Vec4::splat(0.5)).expect("a scene");
+        assert_eq!(clear.materials[0].alpha.mode, AlphaMode::Blend);
+        assert_eq!(coloured(Vec4::ZERO).expect("a scene").warnings.len(), 1, "nothing would be seen");
+        let told = |scene: Result<Scene, SceneError>| scene.expect_err("refused").to_string();
+        assert!(told(coloured(Vec4::splat(255.0))).contains("vertex 0 has 255"));
+        assert!(told(coloured(Vec4::splat(f32::NAN))).contains("NaN"));
+        let normals = vec![Vec3::Z * 3.0, Vec3::ZERO, Vec3::Z];
+        let smooth = scene_of_mesh(Mesh { normals, ..triangle() }, "a").expect("a scene");
+        assert_eq!(smooth.mesh.normals, [Vec3::Z, Vec3::ZERO, Vec3::Z]);
+        let normals = vec![Vec3::INFINITY; 3];
+        assert!(told(scene_of_mesh(Mesh { normals, ..triangle() }, "a")).contains("normals"));
+        assert!(told(scene_of_mesh(Mesh::default(), "a")).contains("no triangles"));
+    }
 }
