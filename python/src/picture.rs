@@ -34,7 +34,7 @@ pub struct Picture {
     options: WriteOptions,
     number: u32,
     name: String,
-    /// The arrays by name, once somebody looks.
+    /// The arrays by name, made at the first look.
     arrays: PyOnceLock<Py<PyDict>>,
 }
 

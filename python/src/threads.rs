@@ -143,7 +143,7 @@ impl Threads {
             let (sender, receiver) = mpsc::channel();
             let (mut looked, mut done) = (Ok(()), None);
             pool.in_place_scope(|scope| {
-                // Nobody is left who could have gone.
+                // The receiver outlives the task.
                 scope.spawn(move |_| drop(sender.send(function())));
                 loop {
                     match receiver.recv_timeout(BLOCK_TIME) {

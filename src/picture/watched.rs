@@ -109,7 +109,7 @@ impl Rendering {
     }
 }
 
-/// Nobody watches, and nothing stops the frame.
+/// No watcher: nothing stops the frame.
 pub(super) struct Unwatched;
 
 impl Watch for Unwatched {

@@ -44,8 +44,8 @@ pub struct EightCrossings {
 }
 
 impl EightPairs {
-    /// Sets a pair: a ray's origin and direction, and the interval in which its crossings count, of which the beginning
-    /// does not belong to it.
+    /// Sets a pair: a ray's origin and direction, and the interval in which its crossings count. The interval's
+    /// beginning does not belong to it.
     ///
     /// # Panics
     /// If there is no such pair.

@@ -62,8 +62,8 @@ pub trait TriangleSink {
         MAX_BATCH
     }
 
-    /// Where crossings are counted of which `f32` is certain; they are not taken then. `None`, at any time or never, if
-    /// they are to be taken. Only for rays that are traced to the bit as they are tested.
+    /// The tally of crossings that `f32` is certain of; they are not taken then. `None`, always or never, if they are
+    /// to be taken. Only for rays that are traced to the bit as they are tested.
     fn tally(&mut self) -> Option<Tally<'_>> {
         None
     }
@@ -331,7 +331,7 @@ static BLOCK_ROWS: [u32; MAX_LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5,
 /// first order, and a reserve.
 const ERRORS: f32 = 100.0 / (1 << 24) as f32;
 
-/// The least size of an edge of which the sign of a volume is known: products of smaller ones may underflow.
+/// The least size of edges whose volume's sign is known: products of smaller ones may underflow.
 const LEAST_EDGE: f32 = 1e-15;
 
 /// The lanes of `among` whose ray may cross the triangle: all but those whose line two edges certainly have on
