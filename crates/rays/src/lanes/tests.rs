@@ -16,6 +16,7 @@ fn with_each<T: LaneTask + Copy>(task: T) -> Vec<T::Output> {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: invariant 2.
     unsafe {
+        results.push(task.run(Eight));
         if SimdLevel::Avx2.is_available() {
             results.push(task.run(Avx2::new()));
         }
@@ -218,6 +219,7 @@ fn data_moves_to_where_it_belongs() {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: invariant 2.
     unsafe {
+        pairs_of_eight(Eight);
         if SimdLevel::Avx2.is_available() {
             pairs_of_eight(Avx2::new());
         }

@@ -17,9 +17,7 @@ use super::slabs::{Faces, Slabs};
 use super::triangle::{Limits, Lines, test};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
 use crate::geom::CanonicalRay;
-#[cfg(target_arch = "aarch64")]
-use crate::lanes::Neon;
-use crate::lanes::{Lanes, Plain, SimdError, SimdLevel, first_lanes, spill, splat};
+use crate::lanes::{EIGHT, Lanes, SimdError, SimdLevel, first_lanes, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
 use std::fmt;
@@ -173,12 +171,7 @@ impl SingleRayTracer {
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<A, ANY, IN_TURNS>(bvh, rays, memory, accept, answer) },
             // SAFETY: invariant 3.
-            #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => unsafe {
-                trace::<_, A, ANY, IN_TURNS>(Neon, bvh, rays, memory, accept, answer)
-            },
-            // SAFETY: invariant 3.
-            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(Plain::<8>, bvh, rays, memory, accept, answer) },
+            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(EIGHT, bvh, rays, memory, accept, answer) },
         }
         SCRATCH.set(Some(scratch));
     }

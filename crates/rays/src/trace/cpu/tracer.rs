@@ -9,9 +9,7 @@ use super::oracle::Oracle;
 use super::substream::{Answers, Widths};
 use super::traversal::{Scratch, trace, trace_candidates};
 use crate::bvh::{Bvh, Filter};
-#[cfg(target_arch = "aarch64")]
-use crate::lanes::Neon;
-use crate::lanes::{Plain, SimdError, SimdLevel};
+use crate::lanes::{EIGHT, SimdError, SimdLevel};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
 use std::fmt;
@@ -69,12 +67,7 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2_candidates(bvh, rays, sink, memory) },
-            #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => trace_candidates(Widths { wide: Neon, eight: Neon }, bvh, rays, sink, memory),
-            _ => {
-                let widths = Widths { wide: Plain::<8>, eight: Plain::<8> };
-                trace_candidates(widths, bvh, rays, sink, memory);
-            }
+            _ => trace_candidates(Widths { wide: EIGHT, eight: EIGHT }, bvh, rays, sink, memory),
         }
         SCRATCH.set(Some(scratch));
     }
@@ -98,13 +91,8 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, INSTANCED>(bvh, filter, rays, answers, memory) },
-            #[cfg(target_arch = "aarch64")]
-            SimdLevel::Neon => {
-                let widths = Widths { wide: Neon, eight: Neon };
-                trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
-            }
             _ => {
-                let widths = Widths { wide: Plain::<8>, eight: Plain::<8> };
+                let widths = Widths { wide: EIGHT, eight: EIGHT };
                 trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
             }
         }
