@@ -20,10 +20,7 @@ const SUBTREE_LEN: u32 = 1 << 14;
 
 /// Collapses a tree. Also returns the leaf block that holds each triangle. Leaf blocks take the memory of the
 /// tree's references, which are mostly larger. Runs on the current rayon pool.
-pub(super) fn collapse<M: Fn(u32) -> bool + Sync>(
-    tree: BinaryTree,
-    mesh: &IndexedMesh<'_, M>,
-) -> (WideTree, Vec<Child>) {
+pub(super) fn collapse(tree: BinaryTree, mesh: &IndexedMesh<'_>) -> (WideTree, Vec<Child>) {
     let Some(root) = tree.root() else {
         let mut nodes = HugePages::zeroed(1);
         nodes[0] = WideNode::EMPTY;
@@ -228,9 +225,9 @@ impl CollapsedChild {
 
 /// Collapses a subtree. The children of a node are consecutive. Leaf blocks are packed into the memory of
 /// `references`.
-fn collapse_subtree<M: Fn(u32) -> bool + Sync>(
+fn collapse_subtree(
     inner: &InnerNodes,
-    mesh: &IndexedMesh<'_, M>,
+    mesh: &IndexedMesh<'_>,
     subtree: Subtree,
     references: &mut [Reference],
 ) -> (CollapsedSubtree, LeafPacking) {
@@ -265,9 +262,9 @@ fn collapse_subtree<M: Fn(u32) -> bool + Sync>(
 }
 
 /// Packs the leaf block of a subtree over `primitives`.
-fn pack_block<M: Fn(u32) -> bool + Sync>(
+fn pack_block(
     inner: &InnerNodes,
-    mesh: &IndexedMesh<'_, M>,
+    mesh: &IndexedMesh<'_>,
     of: Subtree,
     primitives: &[u32],
     packer: &mut LeafPacker,

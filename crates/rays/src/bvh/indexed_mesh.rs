@@ -4,15 +4,15 @@ use crate::lanes::each;
 use glam::Vec3;
 
 /// An indexed triangle mesh with the alpha mask of each triangle.
-pub(super) struct IndexedMesh<'a, M> {
+pub(super) struct IndexedMesh<'a> {
     pub positions: &'a [Vec3],
     /// Three indices into `positions` for each triangle.
     pub triangles: &'a [[u32; 3]],
     /// Tells of a triangle whether the [`super::Filter`] decides its hits.
-    pub masked: M,
+    pub masked: &'a (dyn Fn(u32) -> bool + Sync),
 }
 
-impl<M: Fn(u32) -> bool + Sync> IndexedMesh<'_, M> {
+impl IndexedMesh<'_> {
     /// The corners of a triangle.
     #[inline]
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {

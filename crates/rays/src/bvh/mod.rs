@@ -96,14 +96,19 @@ impl Bvh {
     /// If [`GeometryError::check`] refuses the arguments: an index is out of range, a coordinate exceeds
     /// [`crate::geom::MAX_COORDINATE`] or is NaN, or there are more than 130 million triangles.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]], masked: impl Fn(u32) -> bool + Sync) -> Self {
+        Self::over(&IndexedMesh { positions, triangles, masked: &masked })
+    }
+
+    /// [`Bvh::build`], compiled once.
+    fn over(mesh: &IndexedMesh<'_>) -> Self {
         profile::warn_if_unoptimised();
+        let IndexedMesh { positions, triangles, .. } = *mesh;
         if let Err(error) = GeometryError::check(positions, triangles) {
             panic!("{error}");
         }
-        let mesh = IndexedMesh { positions, triangles, masked };
         let tree = BinaryTree::build(triangles.len(), |primitive| mesh.corners(primitive), Costs::of_tree);
         let bounds = tree.root().map_or(Aabb::EMPTY, |root| tree.bounds(root).to_aabb());
-        let (wide, triangle_blocks) = collapse::collapse(tree, &mesh);
+        let (wide, triangle_blocks) = collapse::collapse(tree, mesh);
         let (max_abs, supports) = (bounds.max_abs(), OnceLock::new());
         Self {
             wide,
