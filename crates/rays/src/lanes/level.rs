@@ -10,11 +10,13 @@
 //! 1. Such a function is called only where [`SimdLevel::is_available`] has found the instructions.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-#[cfg(all(target_arch = "aarch64", not(without_neon)))]
+#[cfg(not(target_arch = "aarch64"))]
+use super::Eight;
+use super::Lanes;
+#[cfg(target_arch = "aarch64")]
 use super::Neon;
 #[cfg(not(without_scalar))]
 use super::SingleLane;
-use super::{EIGHT, Lanes};
 use std::fmt;
 use std::str::FromStr;
 
@@ -22,8 +24,7 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// Any processor: eight lanes for tracing, with instructions that each x86-64 or 64-bit ARM has or in plain Rust,
-    /// and one lane for shading.
+    /// Plain Rust on any processor: eight lanes for tracing, one for shading.
     Scalar,
     /// Eight lanes on any 64-bit ARM.
     Neon,
@@ -136,7 +137,11 @@ impl SimdLevel {
             // SAFETY: invariant 1.
             return unsafe { task.avx2() };
         }
-        task.eight(EIGHT)
+        #[cfg(target_arch = "aarch64")]
+        let eight = Neon;
+        #[cfg(not(target_arch = "aarch64"))]
+        let eight = Eight;
+        task.eight(eight)
     }
 
     /// The level whose tasks have `lanes` lanes; the narrowest if this build leaves it out.

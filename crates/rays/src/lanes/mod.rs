@@ -1,8 +1,8 @@
 //! SIMD: the small instruction set that tracing and shading are written in. The words are in `docs/glossary.md`.
 //!
 //! [`Lanes`] lists the instructions on vectors of f32 and u32. Each of these files implements it for one instruction
-//! set: `avx512` (16 lanes), `avx2`, `eight` and `neon` (8), `plain` (any number, in plain Rust; one lane is
-//! [`SingleLane`]).
+//! set: `avx512` (16 lanes), `avx2` and `neon` (8), `eight` (8, in plain Rust), `plain` (any number, in plain Rust; one
+//! lane is [`SingleLane`]).
 //! [`Num`], [`Int`], [`Mask`] and [`Vector`] wrap them in operators, so that shading reads like scalar arithmetic.
 //! [`SimdLevel`] chooses an instruction set and runs a [`LaneTask`] with it.
 //!
@@ -30,7 +30,6 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod columns;
-#[cfg(target_arch = "x86_64")]
 mod eight;
 pub mod exponential;
 mod inlined;
@@ -59,7 +58,6 @@ pub(crate) use columns::{
     columns, eight_u32, keep, load, load_eights, load_one, spill, splat, splat_eights, splat_row, store_one,
     swap_halves,
 };
-#[cfg(target_arch = "x86_64")]
 pub(crate) use eight::Eight;
 pub(crate) use inlined::{both, zip};
 #[doc(hidden)]
@@ -84,16 +82,6 @@ pub const MAX_LANES: usize = 16;
 
 /// A mask as bits: one per lane, lane 0 lowest.
 pub type LaneBits = u32;
-
-/// Eight lanes with instructions that every processor of this architecture has.
-#[cfg(target_arch = "x86_64")]
-pub(crate) const EIGHT: Eight = Eight;
-/// Eight lanes with instructions that every processor of this architecture has.
-#[cfg(target_arch = "aarch64")]
-pub(crate) const EIGHT: Neon = Neon;
-/// Eight lanes in plain Rust.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-pub(crate) const EIGHT: Plain<8> = Plain;
 
 mod sealed {
     /// Implemented in this crate only, so that instructions can be added to [`super::Lanes`].

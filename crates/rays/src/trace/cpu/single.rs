@@ -17,7 +17,9 @@ use super::slabs::{Faces, Slabs};
 use super::triangle::{Limits, Lines, test};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
 use crate::geom::CanonicalRay;
-use crate::lanes::{EIGHT, Lanes, SimdError, SimdLevel, first_lanes, spill, splat};
+#[cfg(target_arch = "aarch64")]
+use crate::lanes::Neon;
+use crate::lanes::{Eight, Lanes, SimdError, SimdLevel, first_lanes, spill, splat};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
 use std::fmt;
@@ -171,7 +173,12 @@ impl SingleRayTracer {
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<A, ANY, IN_TURNS>(bvh, rays, memory, accept, answer) },
             // SAFETY: invariant 3.
-            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(EIGHT, bvh, rays, memory, accept, answer) },
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => unsafe {
+                trace::<_, A, ANY, IN_TURNS>(Neon, bvh, rays, memory, accept, answer)
+            },
+            // SAFETY: invariant 3.
+            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(Eight, bvh, rays, memory, accept, answer) },
         }
         SCRATCH.set(Some(scratch));
     }

@@ -9,7 +9,9 @@ use super::oracle::Oracle;
 use super::substream::{Answers, Widths};
 use super::traversal::{Scratch, trace, trace_candidates};
 use crate::bvh::{Bvh, Filter};
-use crate::lanes::{EIGHT, SimdError, SimdLevel};
+#[cfg(target_arch = "aarch64")]
+use crate::lanes::Neon;
+use crate::lanes::{Eight, SimdError, SimdLevel};
 use crate::stream::{Hit, Ray, Tracer};
 use std::cell::Cell;
 use std::fmt;
@@ -67,7 +69,12 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2_candidates(bvh, rays, sink, memory) },
-            _ => trace_candidates(Widths { wide: EIGHT, eight: EIGHT }, bvh, rays, sink, memory),
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => trace_candidates(Widths { wide: Neon, eight: Neon }, bvh, rays, sink, memory),
+            _ => {
+                let widths = Widths { wide: Eight, eight: Eight };
+                trace_candidates(widths, bvh, rays, sink, memory);
+            }
         }
         SCRATCH.set(Some(scratch));
     }
@@ -91,8 +98,13 @@ impl CpuTracer {
             // SAFETY: invariant 1.
             #[cfg(target_arch = "x86_64")]
             SimdLevel::Avx2 => unsafe { x86::avx2::<ANY, INSTANCED>(bvh, filter, rays, answers, memory) },
+            #[cfg(target_arch = "aarch64")]
+            SimdLevel::Neon => {
+                let widths = Widths { wide: Neon, eight: Neon };
+                trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
+            }
             _ => {
-                let widths = Widths { wide: EIGHT, eight: EIGHT };
+                let widths = Widths { wide: Eight, eight: Eight };
                 trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
             }
         }
