@@ -113,7 +113,7 @@ fn lane_instances(archive: &ArchiveFile<'_>, bytes: &[u8]) -> Result<usize> {
 }
 
 /// Crates with vector code of their own, which nothing here can mend. Kernels do not call it.
-const FOREIGN: [&str; 1] = ["memchr::"];
+const FOREIGN: [&str; 3] = ["core::slice::ascii::", "hashbrown::", "memchr::"];
 
 /// The name of a symbol as the source has it.
 fn demangled(symbol: &str) -> String {
