@@ -1,12 +1,16 @@
 //! The GPU of the units: opened, and given a tree.
 
+use super::opening::Opening;
 use super::units::{UnitChoice, UnitsError};
 use crate::bvh::{Bvh, Filter};
-use crate::stream::{DeviceTracer, Tracer};
+use crate::stream::{
+    Capacity, DeviceError, DeviceMemory, DeviceState, DeviceStream, DeviceTracer, Ray, StreamMemory, Ticket,
+    Tracer,
+};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
-use crate::trace::gpu::{AdapterChoice, Fault, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::{AdapterChoice, AdapterInfo, Fault, FoundAdapter, Gpu, GpuError, GpuTracer};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 
 /// True if a panic of wgpu cannot be caught.
 pub(super) const ABORTS: bool = cfg!(panic = "abort");
@@ -41,13 +45,16 @@ impl UnitChoice {
     }
 }
 
-/// An open GPU. Clones share it.
+/// A GPU that has been opened, or is being opened. Clones share it.
 #[derive(Clone, Debug)]
-pub(super) struct OpenGpu(Arc<Gpu>);
+pub(super) struct OpenGpu {
+    found: Arc<Opening<AdapterInfo>>,
+    gpu: Arc<Opening<Arc<Gpu>>>,
+}
 
 impl OpenGpu {
-    /// Opens the adapter whose name contains `adapter`, or the best one. The inner error is the reason why there is
-    /// no GPU.
+    /// Begins to open the adapter whose name contains `adapter`, or the best one. The inner error is the reason why
+    /// there is no GPU; it may become known later.
     ///
     /// # Errors
     /// When no adapter has the requested name.
@@ -56,45 +63,78 @@ impl OpenGpu {
         simd: SimdLevel,
         options: &GpuOptions,
     ) -> Result<Result<Self, String>, UnitsError> {
-        let adapter = AdapterChoice { name: adapter.map(str::to_owned), allow_software: true };
-        let measured = |gpu: Gpu| match &options.cache {
-            Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, simd)),
-            None => gpu,
+        let choice = AdapterChoice { name: adapter.map(str::to_owned), allow_software: true };
+        let (send, receive) = mpsc::channel();
+        let found = Opening::start("adapters", move || {
+            let found = FoundAdapter::find(&choice);
+            let info = found.as_ref().map(|found| found.info().clone()).map_err(ToString::to_string);
+            // The one who asked may have gone.
+            let _ = send.send(found);
+            info
+        });
+        let gpu = |found: FoundAdapter, options: GpuOptions| {
+            Opening::start("device", move || open_found(found, simd, options).map(Arc::new))
         };
-        match Gpu::open(&adapter).map(measured) {
-            Ok(gpu) => Ok(Ok(Self(Arc::new(match options.fault {
-                Some(fault) => gpu.with_fault(fault),
-                None => gpu,
-            })))),
-            Err(error @ GpuError::NoSuchAdapter { .. }) => Err(UnitsError::NoSuchAdapter(error.to_string())),
-            Err(error) => Ok(Err(error.to_string())),
+        let lost = || GpuError::NoAdapter { backends: "a driver that panics".into() };
+        if adapter.is_some() {
+            return match receive.recv().unwrap_or_else(|_| Err(lost())) {
+                Ok(adapter) => {
+                    Ok(Ok(Self { found: Arc::new(found), gpu: Arc::new(gpu(adapter, options.clone())) }))
+                }
+                Err(error @ GpuError::NoSuchAdapter { .. }) => {
+                    Err(UnitsError::NoSuchAdapter(error.to_string()))
+                }
+                Err(error) => Ok(Err(error.to_string())),
+            };
         }
+        let options = options.clone();
+        let gpu = Opening::start("device", move || {
+            let adapter =
+                receive.recv().unwrap_or_else(|_| Err(lost())).map_err(|error| error.to_string())?;
+            open_found(adapter, simd, options).map(Arc::new)
+        });
+        Ok(Ok(Self { found: Arc::new(found), gpu: Arc::new(gpu) }))
     }
 
-    /// Name of the adapter.
-    pub(super) fn name(&self) -> String {
-        self.0.info().to_string()
+    /// Waits until the GPU is open.
+    ///
+    /// # Errors
+    /// Why it cannot be opened.
+    pub(super) fn wait(&self) -> Result<(), String> {
+        self.gpu.wait().as_ref().map(|_| ()).map_err(String::clone)
+    }
+
+    /// Name of the adapter, as soon as it has been found.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub(super) fn name(&self) -> Result<String, String> {
+        self.found.wait().as_ref().map(ToString::to_string).map_err(String::clone)
     }
 
     /// The fault to inject, as its name, if it has not happened yet.
     pub(super) fn idle_fault(&self) -> Option<String> {
-        self.0.idle_fault().map(|fault| fault.to_string())
+        let gpu = self.gpu.get()?.as_ref().ok()?;
+        gpu.idle_fault().map(|fault| fault.to_string())
     }
 
-    /// The GPU with a tree.
+    /// The GPU with a tree: it is given the tree as soon as both are there.
     ///
     /// # Errors
-    /// When the GPU cannot trace the tree.
+    /// When there is no adapter.
     pub(super) fn device(
         &self,
         bvh: &Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         host: &Arc<dyn Tracer>,
     ) -> Result<Device, String> {
-        match GpuTracer::new(Arc::clone(&self.0), Arc::clone(bvh), filter, Arc::clone(host)) {
-            Ok(tracer) => Ok(Device(Arc::new(tracer))),
-            Err(error) => Err(error.to_string()),
-        }
+        let name = self.found.wait().as_ref().map_err(String::clone)?.name.clone();
+        let (gpu, bvh, host) = (Arc::clone(&self.gpu), Arc::clone(bvh), Arc::clone(host));
+        let tracer = Opening::start("upload", move || {
+            let gpu = gpu.wait().as_ref().map_err(String::clone)?;
+            GpuTracer::new(Arc::clone(gpu), bvh, filter, host).map_err(|error| error.to_string())
+        });
+        Ok(Device(Arc::new(LateTracer { name, tracer })))
     }
 
     /// The tracers of a tree with each kind of kernel, for comparison.
@@ -107,29 +147,42 @@ impl OpenGpu {
         filter: Option<&Arc<dyn Filter>>,
         host: &Arc<dyn Tracer>,
     ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
+        let gpu = self.gpu.wait().as_ref().map_err(String::clone)?;
         let tracer = |variant| {
             let filter = filter.map(Arc::clone);
-            let tracer = GpuTracer::with_variant(
-                Arc::clone(&self.0),
-                Arc::clone(bvh),
-                filter,
-                Arc::clone(host),
-                variant,
-            );
+            let tracer =
+                GpuTracer::with_variant(Arc::clone(gpu), Arc::clone(bvh), filter, Arc::clone(host), variant);
             tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>).map_err(|error| error.to_string())
         };
-        self.0.info().variants().map(tracer).collect()
+        gpu.info().variants().map(tracer).collect()
     }
 }
 
-/// A GPU that has a tree.
+/// Opens and measures an adapter.
+fn open_found(found: FoundAdapter, simd: SimdLevel, options: GpuOptions) -> Result<Gpu, String> {
+    let gpu = Gpu::open_found(found).map_err(|error| error.to_string())?;
+    let gpu = match &options.cache {
+        Some(folder) => gpu.calibrate(folder, |bvh| calibration_host(bvh, simd)),
+        None => gpu,
+    };
+    Ok(match options.fault {
+        Some(fault) => gpu.with_fault(fault),
+        None => gpu,
+    })
+}
+
+/// A GPU that has a tree, or is to have it.
 #[derive(Clone)]
-pub(super) struct Device(Arc<GpuTracer>);
+pub(super) struct Device(Arc<LateTracer>);
 
 impl Device {
-    /// Why the host makes hits of the device's candidates, if a probe refused the device's own.
-    pub(super) fn refused(&self) -> Option<String> {
-        self.0.refused_hits()
+    /// Waits until the GPU has the tree; returns why the host makes hits of the device's candidates, if a probe refused
+    /// the device's own.
+    ///
+    /// # Errors
+    /// When the GPU cannot trace the tree.
+    pub(super) fn wait(&self) -> Result<Option<String>, String> {
+        self.0.tracer.wait().as_ref().map(GpuTracer::refused_hits).map_err(String::clone)
     }
 
     /// The tracer of the tree.
@@ -139,7 +192,54 @@ impl Device {
 
     /// The same tree on the same GPU with another filter; `host` traces the tree with that filter.
     pub(super) fn with_filter(&self, filter: Option<Arc<dyn Filter>>, host: Arc<dyn Tracer>) -> Self {
-        Self(Arc::new(self.0.with_filter(filter, host)))
+        let (name, former) = (self.0.name.clone(), Arc::clone(&self.0));
+        let with_filter = move |tracer: &GpuTracer| tracer.with_filter(filter, host);
+        let tracer = match self.0.tracer.get() {
+            Some(Ok(tracer)) => Opening::made(with_filter(tracer)),
+            _ => Opening::start("upload", move || {
+                former.tracer.wait().as_ref().map(with_filter).map_err(String::clone)
+            }),
+        };
+        Self(Arc::new(LateTracer { name, tracer }))
+    }
+}
+
+/// A tracer that takes bundles as soon as its device has the tree.
+struct LateTracer {
+    name: String,
+    tracer: Opening<GpuTracer>,
+}
+
+impl LateTracer {
+    fn ready(&self) -> Option<&GpuTracer> {
+        self.tracer.get()?.as_ref().ok()
+    }
+}
+
+impl DeviceTracer for LateTracer {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn state(&self) -> DeviceState {
+        match self.tracer.get() {
+            None => DeviceState::Opening,
+            Some(Ok(_)) => DeviceState::Ready,
+            Some(Err(reason)) => DeviceState::Unavailable(reason.clone()),
+        }
+    }
+
+    fn bundle_rays(&self) -> Option<usize> {
+        DeviceTracer::bundle_rays(self.ready()?)
+    }
+
+    fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
+        self.ready()?.stream_memory(capacity, now)
+    }
+
+    fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        let tracer = self.ready().ok_or_else(|| DeviceError::Failed("it is not open".to_owned()))?;
+        tracer.submit(bundle)
     }
 }
 

@@ -5,6 +5,8 @@
 mod alpha_filter;
 #[cfg_attr(not(feature = "gpu"), path = "no_gpu.rs")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod opening;
 mod prepared_scene;
 mod tree;
 mod units;

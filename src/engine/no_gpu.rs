@@ -34,8 +34,13 @@ impl OpenGpu {
         Ok(Err("this build has no GPU tracer: it was built without the feature `gpu`".into()))
     }
 
+    /// Waits until the GPU is open.
+    pub(super) fn wait(&self) -> Result<(), String> {
+        match *self {}
+    }
+
     /// Name of the adapter.
-    pub(super) fn name(&self) -> String {
+    pub(super) fn name(&self) -> Result<String, String> {
         match *self {}
     }
 
@@ -70,8 +75,8 @@ impl OpenGpu {
 pub(super) enum Device {}
 
 impl Device {
-    /// Why the host makes hits of the device's candidates.
-    pub(super) fn refused(&self) -> Option<String> {
+    /// Waits until the GPU has the tree.
+    pub(super) fn wait(&self) -> Result<Option<String>, String> {
         match *self {}
     }
 

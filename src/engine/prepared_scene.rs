@@ -60,7 +60,7 @@ pub struct PreparedScene {
     pub filter: Option<Arc<dyn Filter>>,
     /// The CPU tracer for callers that trace one ray at a time.
     pub single_ray: Arc<SingleRayTracer>,
-    /// Name of the GPU adapter in use.
+    /// Name of the GPU adapter in use, which may still be being opened.
     pub adapter: Option<String>,
     /// The reason why a requested GPU is not used, or not for all of its work. The CPU does that.
     pub degraded: Option<String>,
@@ -96,10 +96,11 @@ impl PreparedScene {
         let filter = filter(&scene);
         let (host, single_ray) = host_tracers(&bvh, filter.as_ref(), units);
         let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
-            Ok(device) => {
-                let refused = device.as_ref().and_then(Device::refused);
-                (device, refused)
-            }
+            Ok(Some(device)) if units.waits() => match device.wait() {
+                Ok(refused) => (Some(device), refused),
+                Err(reason) => (None, Some(reason)),
+            },
+            Ok(device) => (device, None),
             Err(reason) => (None, Some(reason)),
         };
         let tracers = tracers(host, device.as_ref(), units, &scene);
@@ -288,6 +289,14 @@ impl PreparedScene {
         settings: Settings,
     ) -> Result<Arc<HitShading<S>>, SettingsError> {
         Ok(Arc::new(HitShading::of(shader, self.lit(), camera, settings)?))
+    }
+
+    /// Waits until the GPU has the scene, if one is being opened. Jobs need not wait: it joins them when it is ready.
+    ///
+    /// # Errors
+    /// Why the GPU cannot trace the scene; the CPU does its work.
+    pub fn wait_for_device(&self) -> Result<(), String> {
+        self.device.as_ref().map_or(Ok(()), |device| device.wait().map(drop))
     }
 
     /// Submits a job that is traced by this scene's tracers.

@@ -21,8 +21,15 @@ pub struct UnitChoice {
     unit: Option<Unit>,
     adapter: Option<String>,
     simd: SimdLevel,
+    paths: Option<u64>,
     gpu_options: GpuOptions,
 }
+
+/// About what a path takes one host thread.
+const PATH_S: f64 = 1e-6;
+
+/// A frame that host threads alone are expected to take less time for is over before a device has been opened.
+const SHORTEST_S: f64 = 0.1;
 
 impl Default for UnitChoice {
     fn default() -> Self {
@@ -34,7 +41,13 @@ impl UnitChoice {
     /// The CPU with the best instruction set it supports. A GPU is used only on request: what the host still does for
     /// each of its rays has made frames slower wherever it was measured (`docs/results/gpu.md`).
     pub fn auto() -> Self {
-        Self { unit: None, adapter: None, simd: SimdLevel::detect(), gpu_options: GpuOptions::default() }
+        Self {
+            unit: None,
+            adapter: None,
+            simd: SimdLevel::detect(),
+            paths: None,
+            gpu_options: GpuOptions::default(),
+        }
     }
 
     /// Names the units that trace. A software adapter is used only if this or [`UnitChoice::with_adapter`] requests
@@ -46,6 +59,12 @@ impl UnitChoice {
     /// Requests the GPU adapter whose name contains this text.
     pub fn with_adapter(self, name: impl Into<String>) -> Self {
         Self { adapter: Some(name.into()), ..self }
+    }
+
+    /// Says how many paths the units will trace in all, if that is known. [`Unit::Hybrid`] opens no GPU for work that
+    /// host threads are expected to do within 0.1 s.
+    pub fn with_paths(self, paths: Option<u64>) -> Self {
+        Self { paths, ..self }
     }
 
     /// Chooses the instruction set of the CPU tracer.
@@ -61,7 +80,19 @@ impl UnitChoice {
 
     /// True if a GPU is to trace.
     fn requests_gpu(&self) -> bool {
-        self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu)
+        self.unit.map_or(self.adapter.is_some(), |unit| unit != Unit::Cpu) && !self.is_short()
+    }
+
+    /// True if a GPU would not be open in time.
+    fn is_short(&self) -> bool {
+        let hosts = std::thread::available_parallelism().map_or(1, usize::from);
+        let is_short = |paths| paths as f64 * PATH_S < SHORTEST_S * hosts as f64;
+        !self.waits() && self.paths.is_some_and(is_short)
+    }
+
+    /// True if scenes are prepared only when the GPU has them.
+    fn waits(&self) -> bool {
+        self.unit == Some(Unit::Gpu) || self.gpu_options.injects()
     }
 }
 
@@ -70,6 +101,8 @@ impl UnitChoice {
 pub struct Units {
     simd: SimdLevel,
     unit: Unit,
+    /// True if scenes are prepared only when the GPU has them.
+    waits: bool,
     gpu: Gpus,
 }
 
@@ -104,11 +137,14 @@ const GPU_MAY_ABORT: &str = "this program was compiled with panic = \"abort\": i
 impl Units {
     /// The CPU alone, with the best instruction set it supports.
     pub fn cpu() -> Self {
-        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, gpu: Gpus::NotRequested }
+        Self { simd: SimdLevel::detect(), unit: Unit::Cpu, waits: false, gpu: Gpus::NotRequested }
     }
 
-    /// Opens the units. It is no error if a requested GPU cannot be opened: the CPU does its work, and every
-    /// [`super::PreparedScene`] gives the reason.
+    /// Begins to open the units. It is no error if a requested GPU cannot be opened: the CPU does its work, and every
+    /// [`super::PreparedScene`], or a job's report, gives the reason.
+    ///
+    /// The GPU is opened beside what the caller does next, such as loading a scene, and is given a scene beside the
+    /// first job. With [`Unit::Hybrid`] host threads trace alone until it joins; scenes for [`Unit::Gpu`] wait for it.
     ///
     /// # Errors
     /// When the processor lacks the instruction set, or no adapter has the requested name.
@@ -129,10 +165,10 @@ impl Units {
         } else {
             Gpus::NotRequested
         };
-        if choice.gpu_options.injects() && !matches!(gpu, Gpus::Open(_)) {
+        if choice.gpu_options.injects() && !matches!(&gpu, Gpus::Open(gpu) if gpu.wait().is_ok()) {
             return Err(UnitsError::NothingToInject);
         }
-        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), gpu })
+        Ok(Self { simd, unit: choice.unit.unwrap_or(Unit::Hybrid), waits: choice.waits(), gpu })
     }
 
     /// Instruction set of the CPU tracer.
@@ -145,11 +181,16 @@ impl Units {
         self.unit
     }
 
-    /// Name of the GPU adapter in use.
+    /// True if scenes are prepared only when the GPU has them.
+    pub(super) fn waits(&self) -> bool {
+        self.waits
+    }
+
+    /// Name of the GPU adapter in use, which may still be being opened.
     pub fn adapter(&self) -> Option<String> {
         match &self.gpu {
             Gpus::NotRequested | Gpus::Unavailable(_) => None,
-            Gpus::Open(gpu) => Some(gpu.name()),
+            Gpus::Open(gpu) => gpu.name().ok(),
         }
     }
 

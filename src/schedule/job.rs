@@ -109,6 +109,8 @@ pub(super) struct TypedJob<R: Renderer> {
     /// Streams, and rays and shadow rays, of the bundle that is being submitted.
     submitting: (usize, u64),
     device: DeviceAccount,
+    /// True once the device is ready. Host threads trace alone until then.
+    has_joined: bool,
     progress: Progress,
     report: JobReport,
     keep_timeline: bool,
@@ -125,7 +127,7 @@ impl<R: Renderer> TypedJob<R> {
     ) -> Self {
         let limits = shared.limits;
         let threads = shared.slots.len();
-        Self {
+        let mut job = Self {
             lists: Lists::new(limits, streams),
             policy: options.policy.unwrap_or_else(|| Policy::of(unit)),
             unit,
@@ -142,6 +144,7 @@ impl<R: Renderer> TypedJob<R> {
             with_device: WithDevice::new(),
             submitting: (0, 0),
             device: DeviceAccount::default(),
+            has_joined: false,
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
                 stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
@@ -149,7 +152,9 @@ impl<R: Renderer> TypedJob<R> {
             },
             keep_timeline: options.timeline,
             shared,
-        }
+        };
+        job.join_device();
+        job
     }
 
     fn limits(&self) -> &Limits {
@@ -221,7 +226,7 @@ impl<R: Renderer> TypedJob<R> {
             }
             Rule::Trace | Rule::Flush => {
                 let mut most = policy::chunk_rays(self.waiting_rays(), self.shared.hosts, self.limits());
-                if self.unit != Unit::Cpu && !self.device.is_known() {
+                if self.unit != Unit::Cpu && self.has_joined && !self.device.is_known() {
                     // Until it is known what the device does better, no thread is away for long.
                     most = self.limits().chunk_rays;
                 }
@@ -359,6 +364,21 @@ impl<R: Renderer> TypedJob<R> {
         self.record(thread, TaskKind::Dispatch, rays, (start_ns, end_ns));
     }
 
+    /// Takes note of a device that has become ready, or never will.
+    fn join_device(&mut self) {
+        match self.shared.joined.get() {
+            Some(Ok(())) => self.has_joined = true,
+            Some(Err(reason)) if self.unit != Unit::Cpu => {
+                let device = &self.shared.device_name;
+                self.report
+                    .events
+                    .push(format!("{device} cannot be used ({reason}); host threads trace alone"));
+                self.unit = Unit::Cpu;
+            }
+            _ => {}
+        }
+    }
+
     /// Goes on without the device.
     fn lose_device(&mut self, reason: &str) {
         if self.unit != Unit::Cpu {
@@ -382,7 +402,7 @@ impl<R: Renderer> TypedJob<R> {
 impl<R: Renderer> Job for TypedJob<R> {
     fn view(&self) -> View {
         View {
-            unit: self.unit,
+            unit: if self.has_joined { self.unit } else { Unit::Cpu },
             policy: self.policy,
             ended: self.ended.is_some(),
             tiles_left: self.end_tile - self.next_tile,
@@ -432,6 +452,9 @@ impl<R: Renderer> Job for TypedJob<R> {
             TaskSlot::Empty | TaskSlot::Task(_) => unreachable!("a thread finishes after its work"),
         };
         self.tasks -= 1;
+        if !self.has_joined {
+            self.join_device();
+        }
         let ns = end_ns - start_ns;
         self.busy_ns[thread] += ns;
         let (mut submitted, mut rays) = (None, account.rays);

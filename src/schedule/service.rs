@@ -13,7 +13,7 @@ use super::{
 use crate::stream::{ChunkScratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -226,10 +226,12 @@ pub(super) fn prepare<R: Renderer + 'static>(
         renderer,
         tracers,
         device_name,
+        joined: OnceLock::new(),
         hosts,
         slots: (0..hosts + usize::from(device_thread)).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
         abandoned: AtomicBool::new(false),
     });
+    shared.look_for_device();
     let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
     let job = TypedJob::new(shared, pool.take(), options, unit, tiles, event.into_iter().collect());
     Ok(Submission { job: Box::new(job), work, receiver, priority: options.priority, is_query: false })

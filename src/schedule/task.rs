@@ -2,12 +2,12 @@
 
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
-    Answered, Chunk, ChunkScratch, DeviceReport, Filling, Full, OnDevice, RayStream, StreamAppender, Ticket,
-    Traced, TracedChunk, TracedRays, Untraced, catching, panic_message, paths,
+    Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
+    StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, panic_message, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// A task and its streams.
 pub(super) enum Task<P, S> {
@@ -83,6 +83,8 @@ pub(super) struct SharedJob<R: Renderer> {
     pub tracers: Tracers,
     /// For events. Asked for once, since that runs the device tracer's own code.
     pub device_name: String,
+    /// Set once the device is ready, or to the reason why it never will be.
+    pub joined: OnceLock<Result<(), String>>,
     pub limits: Limits,
     /// Host threads of the service.
     pub hosts: usize,
@@ -107,6 +109,7 @@ impl<R: Renderer> Work for SharedJob<R> {
             TaskSlot::Task(task) => task,
             TaskSlot::Empty | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
         };
+        self.look_for_device();
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
             Task::Shade { input, output, threshold, most_rays } => {
@@ -130,6 +133,22 @@ impl<R: Renderer> Work for SharedJob<R> {
 }
 
 impl<R: Renderer> SharedJob<R> {
+    /// Asks the device whether it is ready, until that is known.
+    pub fn look_for_device(&self) {
+        let Some(device) = self.tracers.device.as_ref().filter(|_| self.joined.get().is_none()) else {
+            return;
+        };
+        let state = catching(|| match device.state() {
+            DeviceState::Ready => Ok(Some(())),
+            DeviceState::Opening => Ok(None),
+            DeviceState::Unavailable(reason) => Err(reason),
+        });
+        if let Some(joined) = state.transpose() {
+            // Another thread may have been told the same.
+            let _ = self.joined.set(joined);
+        }
+    }
+
     /// Replaces the content of a thread's slot.
     pub fn swap_slot(
         &self,

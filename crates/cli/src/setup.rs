@@ -34,20 +34,21 @@ pub struct Setup {
 
 impl Setup {
     /// Reads a scene, lets `prepare` change it, checks that scene, tree and `beside_bytes` fit the memory, builds the
-    /// tree and starts the threads. At most `max_jobs` jobs run at a time; the oldest has precedence.
+    /// tree and starts the threads. At most `max_jobs` jobs run at a time; the oldest has precedence. So many `paths`
+    /// are traced in all, if that is known.
     pub fn new(
         path: &Path,
         options: &LoadOptions,
         memory: &MemoryBudget,
         beside_bytes: u64,
         args: &UnitArgs,
-        max_jobs: usize,
+        (max_jobs, paths): (usize, Option<u64>),
         prepare: impl FnOnce(&mut Scene) -> Result<()>,
     ) -> Result<Self> {
         // Options are checked before the scene is read, which may take long.
         let simd = SimdLevel::choose(&args.simd)?;
         let (unit, policy) = units_and_policy(args)?;
-        let units = Units::open(&unit_choice(unit, simd, args))?;
+        let units = Units::open(&unit_choice(unit, simd, args).with_paths(paths))?;
 
         let started = Instant::now();
         let mut scene = scene_file::read(path, options)?;

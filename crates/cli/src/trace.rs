@@ -27,7 +27,7 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
     let untraceable_rays = count_untraceable(args, &rays);
     let check_files = |scene: &mut Scene| outputs.check_files_of(scene);
     let rays_bytes = BYTES_PER_RAY * rays.len() as u64;
-    let setup = Setup::new(&args.scene, &options, &memory, rays_bytes, &args.units, 1, check_files)?;
+    let setup = Setup::new(&args.scene, &options, &memory, rays_bytes, &args.units, (1, None), check_files)?;
     let mut rates = Vec::new();
     let mut units = Units::default();
     let mut events = Events::default();

@@ -201,7 +201,8 @@ impl View {
             Rule::Trace => match self.unit {
                 Unit::Cpu => self.slot || self.trace > 0,
                 Unit::Hybrid => self.slot || (self.trace > 0 && (policy.hosts_open)(self, load)),
-                Unit::Gpu => false,
+                // Opened before the device was ready.
+                Unit::Gpu => self.slot,
             },
             Rule::Flush => {
                 self.is_short_of_work()

@@ -3,7 +3,7 @@
 
 use super::super::{Batch, Output, Renderer};
 use crate::stream::{
-    DeviceError, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, Resolve, Ticket, Tracer,
+    DeviceError, DeviceReport, DeviceState, DeviceStream, DeviceTracer, Hit, Ray, Resolve, Ticket, Tracer,
 };
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering::Relaxed};
@@ -294,12 +294,15 @@ pub struct FakeDevice {
     pub patience: u64,
     /// How long a look takes.
     pub delay: Duration,
+    /// The device is ready when it has been asked so often.
+    pub ready_after: u64,
     pub counts: Arc<Counts>,
 }
 
 /// What a device has done.
 #[derive(Default)]
 pub struct Counts {
+    asked: AtomicU64,
     pub submitted: AtomicU64,
     pub answered: AtomicU64,
     pub resolved: AtomicU64,
@@ -309,6 +312,11 @@ pub struct Counts {
 impl DeviceTracer for FakeDevice {
     fn name(&self) -> &str {
         "a fake device"
+    }
+
+    fn state(&self) -> DeviceState {
+        let is_ready = self.counts.asked.fetch_add(1, Relaxed) >= self.ready_after;
+        if is_ready { DeviceState::Ready } else { DeviceState::Opening }
     }
 
     fn bundle_rays(&self) -> Option<usize> {

@@ -154,6 +154,7 @@ impl Simulation {
             bundle_rays: random.range(1, 200),
             patience: random.next() % 4,
             delay: Default::default(),
+            ready_after: if random.one_in(3) { random.next() % 60 } else { 0 },
             counts: Default::default(),
         });
         let tracers = Tracers {

@@ -2,16 +2,16 @@
 
 use super::super::{JobError, Policy, TaskKind, ThreadKind, Tracers, Unit};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
-use super::{SCRIPT, SMALL, outcome, service};
-use crate::stream::{DeviceError, DeviceStream, DeviceTracer, Resolve, Ticket};
-use std::sync::Arc;
+use super::{SCRIPT, SMALL, outcome, service, wait_until};
+use crate::stream::{DeviceError, DeviceState, DeviceStream, DeviceTracer, Resolve, Ticket};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 fn device(ledger: &Arc<Ledger>, fate: Fate) -> Arc<FakeDevice> {
     let (bundle_rays, patience, delay) = (1500, 1, Duration::ZERO);
     let (ledger, counts) = (Arc::clone(ledger), Arc::default());
-    Arc::new(FakeDevice { ledger, fate, bundle_rays, patience, delay, counts })
+    Arc::new(FakeDevice { ledger, fate, bundle_rays, patience, delay, ready_after: 0, counts })
 }
 
 fn tracers(ledger: &Arc<Ledger>, device: Arc<FakeDevice>, unit: Unit) -> Tracers {
@@ -77,10 +77,11 @@ fn a_slow_device_is_helped() {
     assert!(report.cpu.rays > report.gpu.rays);
 }
 
-/// A device that answers when it may.
+/// A device that answers when it may, and is ready when it may.
 struct Late {
     device: Arc<FakeDevice>,
     may_answer: Arc<AtomicBool>,
+    state: Arc<Mutex<DeviceState>>,
 }
 
 struct LateTicket {
@@ -97,7 +98,12 @@ impl DeviceTracer for Late {
         self.device.bundle_rays()
     }
 
+    fn state(&self) -> DeviceState {
+        self.state.lock().unwrap().clone()
+    }
+
     fn submit(&self, bundle: Vec<DeviceStream>) -> Result<Box<dyn Ticket>, DeviceError> {
+        assert_eq!(self.state(), DeviceState::Ready);
         let ticket = self.device.submit(bundle)?;
         Ok(Box::new(LateTicket { ticket, may_answer: Arc::clone(&self.may_answer) }))
     }
@@ -114,7 +120,7 @@ impl Ticket for LateTicket {
 }
 
 #[test]
-fn nobody_waits_for_a_device_that_is_later_than_host_threads() {
+fn no_frame_waits_for_a_device_that_is_later_than_host_threads() {
     for fate in [Fate::Lives, Fate::Lost(0)] {
         let service = service(2, true);
         let may_answer = Arc::new(AtomicBool::new(false));
@@ -122,7 +128,7 @@ fn nobody_waits_for_a_device_that_is_later_than_host_threads() {
             let ledger = Ledger::new(SCRIPT);
             let (device, may_answer) = (device(&ledger, fate), Arc::clone(&may_answer));
             let tracers = Tracers::cpu(Arc::clone(&ledger) as _)
-                .with_device(Arc::new(Late { device, may_answer }), Unit::Hybrid);
+                .with_device(Arc::new(Late { device, may_answer, state: Arc::default() }), Unit::Hybrid);
             let job = service.submit(Arc::clone(&ledger), tracers, SMALL.with_policy(policy)).unwrap();
             (ledger, job)
         };
@@ -141,6 +147,42 @@ fn nobody_waits_for_a_device_that_is_later_than_host_threads() {
         let (ledger, job) = frame(Policy::RayAccelerator);
         outcome(job).unwrap();
         ledger.check_complete();
+    }
+}
+
+#[test]
+fn a_device_joins_when_it_is_ready_or_is_told_of() {
+    let service = service(2, true);
+    let run = |unit, then: Option<DeviceState>| {
+        let ledger = Ledger::new(Script { tiles: 4000, ..SCRIPT });
+        let state = Arc::new(Mutex::new(DeviceState::Opening));
+        let late = Late {
+            device: device(&ledger, Fate::Lives),
+            may_answer: Arc::new(AtomicBool::new(true)),
+            state: Arc::clone(&state),
+        };
+        let tracers = Tracers::cpu(Arc::clone(&ledger) as _).with_device(Arc::new(late), unit);
+        let options = SMALL.with_policy(Policy::RayAccelerator);
+        let job = service.submit(Arc::clone(&ledger), tracers, options).unwrap();
+        if let Some(then) = then {
+            wait_until(|| job.progress().tiles_spawned > 100);
+            *state.lock().unwrap() = then;
+        }
+        let report = outcome(job).unwrap();
+        ledger.check_complete();
+        report
+    };
+    for unit in [Unit::Gpu, Unit::Hybrid] {
+        let report = run(unit, None);
+        assert_eq!((report.gpu.rays, report.events.len()), (0, 0));
+        let report = run(unit, Some(DeviceState::Ready));
+        assert!(report.gpu.rays > 0 && report.cpu.rays > 0 && report.events.is_empty());
+        let report = run(unit, Some(DeviceState::Unavailable("it has no memory".to_owned())));
+        assert_eq!(report.gpu.rays, 0);
+        assert_eq!(
+            report.events,
+            ["a fake device cannot be used (it has no memory); host threads trace alone"]
+        );
     }
 }
 

@@ -127,6 +127,31 @@ pub(super) fn backends() -> wgpu::Backends {
     wgpu::Instance::enabled_backend_features() & wgpu::Backends::PRIMARY
 }
 
+/// An adapter that has been chosen and not been opened.
+#[derive(Debug)]
+pub struct FoundAdapter {
+    pub(super) adapter: wgpu::Adapter,
+    pub(super) info: AdapterInfo,
+}
+
+impl FoundAdapter {
+    /// Finds the adapter that fits a choice.
+    ///
+    /// # Errors
+    /// When no adapter fits; the message lists the adapters found.
+    pub fn find(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let mut found = enumerate();
+        let infos: Vec<AdapterInfo> = found.iter().map(AdapterInfo::of).collect();
+        let index = choose(&infos, choice)?;
+        Ok(Self { adapter: found.swap_remove(index), info: infos[index].clone() })
+    }
+
+    /// The adapter and its limits.
+    pub fn info(&self) -> &AdapterInfo {
+        &self.info
+    }
+}
+
 /// Lists the adapters of all drivers. Empty when there is no driver, or when one panics.
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     if backends().is_empty() {

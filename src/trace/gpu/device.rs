@@ -1,7 +1,7 @@
 //! One device and its containment: errors, losses and panics of wgpu reach the rest of the program as an error value
 //! and as nothing else.
 
-use super::adapter::{AdapterChoice, AdapterInfo, choose, enumerate};
+use super::adapter::{AdapterChoice, AdapterInfo, FoundAdapter};
 use super::device_replacement::DeviceReplacement;
 use super::host_memory::HostMemory;
 use super::tuning_cache::TunedSizes;
@@ -56,13 +56,17 @@ impl Gpu {
     /// # Errors
     /// When no adapter fits, or the driver refuses; the message lists the adapters found.
     pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
-        let found = enumerate();
-        let infos: Vec<AdapterInfo> = found.iter().map(AdapterInfo::of).collect();
-        let index = choose(&infos, choice)?;
-        let mut info = infos[index].clone();
+        Self::open_found(FoundAdapter::find(choice)?)
+    }
+
+    /// Opens an adapter that has been found, with its own limits.
+    ///
+    /// # Errors
+    /// When the driver refuses, or its arithmetic is not what the kernels need.
+    pub fn open_found(found: FoundAdapter) -> Result<Self, GpuError> {
+        let FoundAdapter { adapter, mut info } = found;
         let open = |boxes: u32| {
-            let request =
-                || pollster::block_on(found[index].request_device(&descriptor(&found[index], boxes)));
+            let request = || pollster::block_on(adapter.request_device(&descriptor(&adapter, boxes)));
             match catch_unwind(AssertUnwindSafe(request)) {
                 Ok(opened) => opened.map_err(|e| e.to_string()),
                 Err(panic) => Err(driver_panic(panic)),

@@ -77,7 +77,7 @@ mod undecided;
 mod variant;
 mod watchdog;
 
-pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, adapters};
+pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, FoundAdapter, adapters};
 pub use device::Gpu;
 pub use error::GpuError;
 pub use fault::{Fault, NoSuchFault};

@@ -57,7 +57,10 @@ impl ShotArgs {
         let (loading, memory) = (LoadingSpec::default(), MemoryArgs::default().budget());
         let options = loading.options(&memory);
         let light = |scene: &mut Scene| self.light.apply_environment(scene, &options);
-        let setup = Setup::new(scene, &options, &memory, 0, &self.units, max_jobs, light)?;
+        let setup = Setup::new(scene, &options, &memory, 0, &self.units, (max_jobs, None), light)?;
+        if let Err(reason) = setup.prepared.wait_for_device() {
+            log::warn!("tracing on the CPU alone: {reason}");
+        }
         let scene = &setup.prepared.scene;
         let framed = || Camera::framing(&scene.bounds(), width as f32 / height as f32);
         let camera = self.camera.apply(scene.camera, framed);

@@ -81,6 +81,7 @@ fn one_scene(
     if let Some(reason) = &prepared.degraded {
         bail!("{reason}");
     }
+    prepared.wait_for_device().map_err(anyhow::Error::msg)?;
     let (width, height) = args.size;
     let bounds = prepared.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);

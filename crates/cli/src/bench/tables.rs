@@ -22,8 +22,15 @@ enum Row {
 /// Measures RTRT's tables.
 pub fn run(args: &BenchTablesArgs) -> Result<()> {
     let loading = SceneArgs::default();
-    let setup =
-        Setup::new(&args.scene, &loading.options(), &loading.memory.budget(), 0, &args.units, 1, |_| Ok(()))?;
+    let setup = Setup::new(
+        &args.scene,
+        &loading.options(),
+        &loading.memory.budget(),
+        0,
+        &args.units,
+        (1, None),
+        |_| Ok(()),
+    )?;
     let prepared = &setup.prepared;
     let camera = args.camera.apply(prepared.scene.camera, || Camera::framing(&prepared.scene.bounds(), 1.0));
     let mut rows = Vec::new();

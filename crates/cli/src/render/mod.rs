@@ -40,6 +40,16 @@ pub fn run(args: &RenderArgs, registry: &Registry) -> Result<Outcome> {
     result
 }
 
+/// Paths that a render traces in all, if that is known before it begins.
+fn expected_paths(args: &RenderArgs) -> Option<u64> {
+    let spec = &args.spec;
+    if spec.has_several() || args.watch || spec.stop.may_end_early() {
+        return None;
+    }
+    let (width, height) = spec.size;
+    Some(u64::from(width) * u64::from(height) * u64::from(spec.stop.samples()))
+}
+
 fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Result<Outcome> {
     args.picture_path().map_or(Ok(()), |path| Format::of(path).map(drop))?;
     let outputs = check_files(args, &Animation::check(args)?)?;
@@ -56,7 +66,8 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let bytes = in_flight as u64 * checked.picture_bytes();
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let path = checked.scene_file()?;
-    let setup = Setup::new(path, &options, &memory, bytes, &args.units, max_jobs, |scene| {
+    let jobs = (max_jobs, expected_paths(args));
+    let setup = Setup::new(path, &options, &memory, bytes, &args.units, jobs, |scene| {
         outputs.check_files_of(scene)?;
         args.spec.encoding.check_ids(&args.spec.aovs(), scene.mesh.triangles.len() as u64)?;
         watched = checked.change(scene, &options)?;

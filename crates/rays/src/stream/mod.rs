@@ -35,4 +35,4 @@ pub use ray_stream::{
     Answered, Dispatched, Empty, Filling, Full, OnDevice, RayStream, StreamAppender, Traced, TracedRays,
     TracedShadows, Tracing, Untraced, catching,
 };
-pub use tracer::{DeviceError, DeviceReport, DeviceTracer, Queries, Resolve, Ticket, Tracer};
+pub use tracer::{DeviceError, DeviceReport, DeviceState, DeviceTracer, Queries, Resolve, Ticket, Tracer};

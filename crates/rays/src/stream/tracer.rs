@@ -70,11 +70,29 @@ pub enum DeviceError {
     Failed(String),
 }
 
+/// State of a device before it has a stream.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum DeviceState {
+    /// It takes bundles.
+    #[default]
+    Ready,
+    /// It is being opened, and may become ready at any time.
+    Opening,
+    /// It will never be ready, for this reason.
+    Unavailable(String),
+}
+
 /// Traces bundles of ray streams on a device, while host threads do other work. One thread submits bundles and waits
 /// for them; several bundles are under way at once.
 pub trait DeviceTracer: Send + Sync {
     /// The device's name in reports.
     fn name(&self) -> &str;
+
+    /// Readiness of the device: host threads trace without it until it is ready. They ask now and then, so this
+    /// should not wait.
+    fn state(&self) -> DeviceState {
+        DeviceState::Ready
+    }
 
     /// Number of rays from which the fixed cost of a submission hardly matters, if it has been measured. Streams are
     /// bundled up to it.
