@@ -6,7 +6,7 @@ use super::embree::{BuildOptions, Embree, EmbreeError, Quality};
 use glam::Vec3;
 use raystream::bvh::Bvh;
 use serde::Serialize;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Settings of the measurement.
 #[derive(Clone, Debug)]
@@ -36,6 +36,10 @@ pub struct Row {
     /// The median divided by that of Embree's medium quality: less than 1 is faster.
     pub ratio: Option<f64>,
 }
+
+/// Time without work before each build: worker threads of the builder before look for work for a while, on processors
+/// that this one needs.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// The results of one build.
 struct Built {
@@ -108,6 +112,7 @@ fn measure(
     for round in 0..=rounds {
         last.clear();
         for ((_, build), seconds) in units.iter_mut().zip(&mut seconds) {
+            std::thread::sleep(PAUSE);
             let built = build()?;
             // The first round starts threads.
             if round > 0 {
