@@ -8,6 +8,7 @@ mod loaded;
 mod refusals;
 mod service;
 mod tls;
+mod tokens;
 #[path = "../cli/viewer.rs"]
 mod viewer;
 

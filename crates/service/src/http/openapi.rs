@@ -2,7 +2,7 @@
 
 use super::route::{ANY, Access, Body, JSON, Route};
 use super::routes;
-use crate::coordinator::ledger::JobState;
+use crate::coordinator::ledger::{JobState, Role};
 use axum::Json;
 use raystream::picture::RenderSpec;
 use raystream::schedule::Priority;
@@ -61,8 +61,9 @@ fn operation(route: &Route) -> Value {
         responses.insert(code.to_string(), json!({ "description": "refused", "content": content }));
     }
     let mut operation = json!({ "summary": route.summary, "parameters": parameters, "responses": responses });
-    if route.access == Access::Open {
-        operation["security"] = json!([]);
+    match route.access {
+        Access::Open => operation["security"] = json!([]),
+        access => operation["x-role"] = access.role().name().into(),
     }
     let (media, schema) = match route.body {
         Body::None => return operation,
@@ -92,7 +93,7 @@ fn reference(schema: &str) -> Value {
 }
 
 /// What answers hold.
-fn answers() -> [(&'static str, Value); 3] {
+fn answers() -> [(&'static str, Value); 4] {
     let text = || json!({ "type": "string" });
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
@@ -108,7 +109,10 @@ fn answers() -> [(&'static str, Value); 3] {
         "properties": { "sha256": text(), "bytes": count() } });
     let steered = json!({ "type": "object", "required": ["id", "state"],
         "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": text() } });
-    [("Job", job), ("Scene", scene), ("Steered", steered)]
+    let end = json!({ "type": ["integer", "null"] });
+    let caller = json!({ "type": "object", "required": ["name", "role", "expires_ms"],
+        "properties": { "name": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end } });
+    [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller)]
 }
 
 fn schemas() -> Value {

@@ -5,6 +5,7 @@ use super::route::{ANY, Access, Body, Route};
 use super::state::State;
 use super::{drake, guard, live, openapi, page};
 use crate::contract::Problem;
+use crate::coordinator::ledger::Role;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::StatusCode;
@@ -27,7 +28,7 @@ fn open() -> [Route; 5] {
         Route::post("/api/v1/session", "Token in, cookie out", session::create)
             .codes(&[204])
             .body(Body::Json("Login")),
-        Route::delete("/api/v1/session", "Forget the cookie", session::remove).codes(&[204]),
+        Route::delete("/api/v1/session", "End the cookie", session::remove).codes(&[204]),
     ]
     .map(|route| route.access(Access::Open))
 }
@@ -82,12 +83,17 @@ fn of_jobs() -> [Route; 12] {
     ]
 }
 
-fn of_farms() -> [Route; 4] {
+fn of_farms() -> [Route; 5] {
+    let admin = Access::Role(Role::Admin);
     [
-        Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers),
-        Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust),
+        Route::get("/api/v1/session", "Who asks: the token's name, role and end", session::about)
+            .answer("Caller"),
+        Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers)
+            .access(admin),
+        Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust)
+            .access(admin),
         Route::get("/api/v1/events", "Server-sent events of all jobs", events::of_all).media(EVENTS),
-        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT),
+        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT).access(admin),
     ]
 }
 
@@ -119,16 +125,17 @@ fn of_scenes() -> [Route; 5] {
 
 /// The router of all routes, and of the page's files.
 pub fn router(state: State) -> Router {
-    let of = |access: Access| {
-        let routes = all().into_iter().filter(|route| route.access == access);
-        routes.fold(Router::new(), |router, route| router.route(route.path, route.handler))
+    let add = |router: Router<State>, route: Route| {
+        let handler = match route.access {
+            Access::Open => route.handler,
+            access => route.handler.route_layer(from_fn_with_state((state.clone(), access), guard::admit)),
+        };
+        router.route(route.path, handler)
     };
-    let guarded = of(Access::Token).layer(from_fn_with_state(state.clone(), guard::token));
-    let drake = of(Access::Drake).layer(from_fn_with_state(state.clone(), guard::drake));
-    of(Access::Open)
+    all()
+        .into_iter()
+        .fold(Router::new(), add)
         .merge(page::router())
-        .merge(guarded)
-        .merge(drake)
         .fallback(no_such_route)
         .method_not_allowed_fallback(no_such_method)
         .layer(from_fn_with_state(state.clone(), guard::origin))

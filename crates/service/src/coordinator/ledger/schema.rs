@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 3] = [FIRST, UNITS_OF_PASSES, STRANGERS];
+const MIGRATIONS: [&str; 4] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -149,12 +149,35 @@ const STRANGERS: &str = "
     CREATE INDEX contributor_worker ON contributor (worker);
 ";
 
+/// Named tokens, and cookies that were given back before their time.
+const TOKENS: &str = "
+    CREATE TABLE token (
+        name TEXT PRIMARY KEY,
+        hash_start TEXT NOT NULL UNIQUE,
+        hash TEXT NOT NULL,
+        series TEXT NOT NULL,
+        role TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER
+    ) WITHOUT ROWID;
+    CREATE TABLE ended_session (
+        id TEXT PRIMARY KEY,
+        expires_ms INTEGER NOT NULL
+    ) WITHOUT ROWID;
+";
+
+/// The version of the tables that are there; 0 if there are none.
+pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, LedgerError> {
+    let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+    match version > VERSION {
+        true => Err(LedgerError::Newer { path: path.to_owned(), version }),
+        false => Ok(version),
+    }
+}
+
 /// Brings the tables up to date.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), LedgerError> {
-    let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
-    if version > VERSION {
-        return Err(LedgerError::Newer { path: path.to_owned(), version });
-    }
+    let version = version(connection, path)?;
     for (before, migration) in MIGRATIONS.iter().enumerate().skip(version.max(0) as usize) {
         let transaction = connection.transaction()?;
         transaction.execute_batch(migration)?;
