@@ -33,10 +33,10 @@ fn with_ledger<T>(of: &DataArgs, work: impl FnOnce(&Ledger) -> Result<T>) -> Res
 }
 
 fn add(args: &TokenAddArgs) -> Result<()> {
-    let TokenAddArgs { of, name, role, days, output } = args;
+    let TokenAddArgs { of, name, tenant, role, days, output } = args;
     let expires_ms = days.map(|days| now_ms() + i64::from(days) * DAY_MS);
     let text = random_hex()?;
-    let token = Token::new(name, *role, expires_ms)?;
+    let token = Token::new(name, *role, expires_ms)?.with_tenant(tenant.as_ref().unwrap_or(name));
     with_ledger(of, |ledger| {
         let is_new = ledger.add_token(token, Token::hash(&text))?;
         ensure!(is_new, "there is a token {name:?}; revoke or rotate it, or choose another name");
@@ -71,7 +71,7 @@ fn list(args: &TokenListArgs) -> Result<()> {
             Some(left) if left <= 0 => "has expired".to_owned(),
             Some(left) => format!("expires in {} h", left / 3_600_000),
         };
-        stdout_line!("{:<20}  {:<6}  {end}", token.name, token.role.name());
+        stdout_line!("{:<20}  {:<20}  {:<6}  {end}", token.name, token.tenant, token.role.name());
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ mod kills;
 mod loaded;
 mod refusals;
 mod service;
+mod tenants;
 mod tls;
 mod tokens;
 #[path = "../cli/viewer.rs"]

@@ -21,7 +21,9 @@ pub fn add(data: &Path, arguments: &[&str]) -> String {
 /// Sends a request with another token than the first one.
 pub fn send(service: &Service, token: &str, method: &str, path: &str, body: Option<&Value>) -> Answer {
     let bearer = format!("Bearer {token}");
-    let headers = [("Authorization", &*bearer), ("Content-Type", "application/json")];
+    // Whoever is refused has a body that is not read, which ends the connection.
+    let headers =
+        [("Authorization", &*bearer), ("Content-Type", "application/json"), ("Connection", "close")];
     service.send(method, path, &headers, body.map_or(Vec::new(), |body| body.to_string().into_bytes()))
 }
 

@@ -2,10 +2,13 @@
 
 use super::state::State;
 use crate::contract::Problem;
-use crate::coordinator::ledger::{Role, Token};
+use crate::coordinator::ledger::{Job, Role, Token};
 use axum::extract::FromRequestParts;
 use axum::http::StatusCode;
 use axum::http::request::Parts;
+
+/// The tenant of requests that need no token. No token can have it.
+const TOKENLESS: &str = "(this machine)";
 
 /// Whoever has sent a request that was let in.
 #[derive(Clone, Debug)]
@@ -15,12 +18,50 @@ pub struct Caller {
 }
 
 impl Caller {
+    /// The tenant of the caller's jobs and scenes.
+    pub fn tenant(&self) -> &str {
+        self.token.as_ref().map_or(TOKENLESS, |token| &token.tenant)
+    }
+
+    /// The tenant whose jobs and scenes the caller may see; `None` for all.
+    pub fn scope(&self) -> Option<&str> {
+        (self.role() < Role::Admin).then(|| self.tenant())
+    }
+
+    /// The job of a name, if the caller may see it.
+    ///
+    /// # Errors
+    /// 404 if there is none, or it is another tenant's: no one is to know which.
+    pub fn job(&self, state: &State, id: &str) -> Result<Job, Problem> {
+        let job =
+            state.ledger().job(id)?.filter(|job| self.scope().is_none_or(|tenant| tenant == job.tenant));
+        job.ok_or_else(|| Problem::missing(format!("job {id:?}")))
+    }
+
+    /// The bytes of a scene, if the caller may see it.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn scene(&self, state: &State, sha256: &str) -> Result<Option<u64>, Problem> {
+        Ok(state.ledger().scene_of(self.scope(), sha256)?)
+    }
+
+    /// True if the caller's token has neither been rotated nor revoked, nor has expired. Long answers ask for it.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn holds(&self, state: &State) -> Result<bool, Problem> {
+        let Some(token) = &self.token else { return Ok(true) };
+        let now = state.ledger().token(&token.name)?;
+        Ok(now.is_some_and(|now| now.series == token.series && !now.has_expired()))
+    }
+
     /// The token's name.
     pub fn name(&self) -> &str {
         self.token.as_ref().map_or("none", |token| &token.name)
     }
 
-    /// What the caller may do.
+    /// The role of the caller.
     pub fn role(&self) -> Role {
         self.token.as_ref().map_or(Role::Submit, |token| token.role)
     }

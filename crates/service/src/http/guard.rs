@@ -42,7 +42,7 @@ pub async fn origin(Given(state): Given<State>, request: Request, next: Next) ->
     response
 }
 
-/// What a request shows to be let in.
+/// The means by which a request is let in.
 enum Shown {
     Token(String),
     Cookie(String),
@@ -88,8 +88,8 @@ fn peer(request: &Request) -> Option<SocketAddr> {
 /// Headers by which proxies say that a request comes from elsewhere.
 const FORWARDED: [&str; 3] = ["forwarded", "x-forwarded-for", "via"];
 
-/// What a request shows. Addresses of Drake's clients may hold the token, as in `http://drake:TOKEN@HOST`, and where
-/// the service is started so, programs of this machine need none.
+/// Finds what a request shows. Addresses of Drake's clients may hold the token, as in `http://drake:TOKEN@HOST`, and
+/// where the service is started so, programs of this machine need none.
 fn shown(state: &State, access: Access, request: &Request) -> Result<Shown, Problem> {
     let headers = request.headers();
     if let Some(given) = text(headers, header::AUTHORIZATION) {

@@ -98,7 +98,8 @@ fn answers() -> [(&'static str, Value); 4] {
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
     let job = json!({ "type": "object", "required": ["id", "state", "progress", "pictures"], "properties": {
-        "id": text(), "state": states.clone(), "priority": text(), "scene": text(),
+        "id": text(), "tenant": text(), "state": states.clone(), "priority": text(),
+        "scene": text(),
         "spec": { "$ref": "#/components/schemas/RenderSpec" },
         "size": { "type": "array", "items": count() }, "spp": count(), "kind": text(),
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
@@ -110,8 +111,9 @@ fn answers() -> [(&'static str, Value); 4] {
     let steered = json!({ "type": "object", "required": ["id", "state"],
         "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": text() } });
     let end = json!({ "type": ["integer", "null"] });
-    let caller = json!({ "type": "object", "required": ["name", "role", "expires_ms"],
-        "properties": { "name": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end } });
+    let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms"],
+        "properties": {
+            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end } });
     [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller)]
 }
 

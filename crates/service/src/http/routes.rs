@@ -86,24 +86,28 @@ fn of_jobs() -> [Route; 12] {
 fn of_farms() -> [Route; 5] {
     let admin = Access::Role(Role::Admin);
     [
-        Route::get("/api/v1/session", "Who asks: the token's name, role and end", session::about)
+        Route::get("/api/v1/session", "Who asks: the token's name, tenant, role and end", session::about)
             .answer("Caller"),
         Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers)
             .access(admin),
         Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust)
             .access(admin),
-        Route::get("/api/v1/events", "Server-sent events of all jobs", events::of_all).media(EVENTS),
+        Route::get("/api/v1/events", "Server-sent events of all your jobs", events::of_all).media(EVENTS),
         Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT).access(admin),
     ]
 }
 
 fn of_scenes() -> [Route; 5] {
     [
-        Route::get("/api/v1/scenes/{sha256}", "A scene that was uploaded; 404 if it was not", scenes::about)
-            .answer("Scene"),
+        Route::get(
+            "/api/v1/scenes/{sha256}",
+            "A scene that you have uploaded; 404 if you have not",
+            scenes::about,
+        )
+        .answer("Scene"),
         Route::put(
             "/api/v1/scenes/{sha256}",
-            "Upload a GLB, or a zip of files: 201, or 200 if it is known",
+            "Upload a GLB, or a zip of files: 201, or 200 if you have done so before",
             scenes::upload,
         )
         .codes(&[200, 201])

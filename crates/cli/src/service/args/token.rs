@@ -37,7 +37,10 @@ pub struct TokenAddArgs {
     /// Name of the token: letters, digits, - and _.
     #[arg(value_parser = name)]
     pub name: String,
-    /// What it allows: read, submit or admin; each may do what those before it may.
+    /// Tenant whose jobs and scenes it reaches; its tokens share them [default: the token's name].
+    #[arg(long, value_name = "NAME", value_parser = name)]
+    pub tenant: Option<String>,
+    /// Role: read, submit or admin; each may do what those before it may.
     #[arg(long, value_name = "ROLE", default_value = "submit")]
     pub role: Role,
     /// Days until it expires [default: never].

@@ -1,6 +1,6 @@
 //! Jobs, their states and events.
 
-use super::rows::{Event, Job, JobState, NewJob, Totals};
+use super::rows::{Event, EventsOf, Job, JobState, NewJob, Totals};
 use super::{Ledger, LedgerError, now_ms};
 use raystream::schedule::Priority;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -11,7 +11,8 @@ use serde_json::{Value, json};
 pub enum Accepted {
     /// It is in the ledger.
     New,
-    /// An earlier request had its idempotency key; this is its job, and whether the requests are the same.
+    /// An earlier request of the tenant had its idempotency key; this is its job, and true if the requests are the
+    /// same.
     Earlier(String, bool),
     /// Too many jobs have not ended; this many have not.
     TooMany(u64),
@@ -25,9 +26,10 @@ impl Ledger {
     pub fn accept(&self, new: NewJob, most_open: u64) -> Result<Accepted, LedgerError> {
         self.change(move |transaction| {
             if let Some(key) = &new.idempotency_key {
-                let find = "SELECT id, request_hash FROM job WHERE idempotency_key = ?1";
+                let find = "SELECT id, request_hash FROM request_key JOIN job ON id = job \
+                    WHERE request_key.tenant = ?1 AND key = ?2";
                 let earlier = transaction
-                    .query_row(find, [key], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))
+                    .query_row(find, [&new.tenant, key], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))
                     .optional()?;
                 if let Some((id, hash)) = earlier {
                     return Ok(Accepted::Earlier(id, hash == new.request_hash));
@@ -43,8 +45,8 @@ impl Ledger {
             }
             let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
             transaction.execute(
-                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, idempotency_key, \
-                 created_ms) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, tenant, created_ms) \
+                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
                 params![
                     new.id,
                     new.request,
@@ -52,10 +54,14 @@ impl Ledger {
                     demand,
                     new.scene,
                     new.priority.name(),
-                    new.idempotency_key,
+                    new.tenant,
                     now_ms()
                 ],
             )?;
+            if let Some(key) = &new.idempotency_key {
+                let insert = "INSERT INTO request_key (tenant, key, job) VALUES (?1, ?2, ?3)";
+                transaction.execute(insert, [&new.tenant, key, &new.id])?;
+            }
             if new.has_webhook {
                 // The address is called when the job has ended.
                 let insert = "INSERT INTO call (job, next_ms) VALUES (?1, 0)";
@@ -66,15 +72,15 @@ impl Ledger {
         })
     }
 
-    /// The finished job of the same request, if there is one whose pictures hold no suspect's sums.
+    /// The tenant's finished job of the same request, if there is one whose pictures hold no suspect's sums.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn known(&self, request_hash: &str) -> Result<Option<String>, LedgerError> {
+    pub fn known(&self, tenant: &str, request_hash: &str) -> Result<Option<String>, LedgerError> {
         self.read(|connection| {
-            let find = "SELECT id FROM job WHERE request_hash = ?1 AND state = 'done' \
+            let find = "SELECT id FROM job WHERE tenant = ?1 AND request_hash = ?2 AND state = 'done' \
                 AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) LIMIT 1";
-            connection.query_row(find, [request_hash], |row| row.get(0)).optional()
+            connection.query_row(find, [tenant, request_hash], |row| row.get(0)).optional()
         })
     }
 
@@ -86,23 +92,27 @@ impl Ledger {
         self.read(|connection| find(connection, id))
     }
 
-    /// Jobs in the order of arrival, the latest first, before a place in that order.
+    /// Jobs of a tenant, or of all, in the order of arrival, the latest first, before a place in that order.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn jobs(
         &self,
+        tenant: Option<&str>,
         state: Option<JobState>,
         before: Option<i64>,
         most: usize,
     ) -> Result<Vec<Job>, LedgerError> {
         self.read(|connection| {
+            let whose = if tenant.is_some() { "tenant = ?4" } else { "?4 IS NULL" };
             let mut select = connection.prepare_cached(&format!(
-                "SELECT {} FROM job WHERE seq < ?1 AND (?2 IS NULL OR state = ?2) ORDER BY seq DESC LIMIT ?3",
+                "SELECT {} FROM job WHERE {whose} AND seq < ?1 AND (?2 IS NULL OR state = ?2) \
+                 ORDER BY seq DESC LIMIT ?3",
                 Job::COLUMNS
             ))?;
             let before = before.unwrap_or(i64::MAX);
-            let rows = select.query_map(params![before, state.map(JobState::name), most as i64], Job::of)?;
+            let asked = params![before, state.map(JobState::name), most as i64, tenant];
+            let rows = select.query_map(asked, Job::of)?;
             rows.collect()
         })
     }
@@ -187,17 +197,21 @@ impl Ledger {
         self.read(|connection| totals(connection, id))
     }
 
-    /// Events after a number, of one job or of all, the oldest first.
+    /// Events after a number, the oldest first.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn events(&self, job: Option<&str>, after: i64, most: usize) -> Result<Vec<Event>, LedgerError> {
+    pub fn events(&self, of: EventsOf<'_>, after: i64, most: usize) -> Result<Vec<Event>, LedgerError> {
         self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT seq, job, time_ms, kind, data FROM event \
-                 WHERE seq > ?1 AND (?2 IS NULL OR job = ?2) ORDER BY seq LIMIT ?3",
-            )?;
-            let rows = select.query_map(params![after, job, most as i64], |row| {
+            let (whose, name) = match of {
+                EventsOf::Job(job) => ("job = ?2", Some(job)),
+                EventsOf::Tenant(tenant) => ("tenant = ?2", Some(tenant)),
+                EventsOf::All => ("?2 IS NULL", None),
+            };
+            let mut select = connection.prepare_cached(&format!(
+                "SELECT seq, job, time_ms, kind, data FROM event WHERE {whose} AND seq > ?1 ORDER BY seq LIMIT ?3"
+            ))?;
+            let rows = select.query_map(params![after, name, most as i64], |row| {
                 Ok(Event {
                     seq: row.get(0)?,
                     job: row.get(1)?,
@@ -252,7 +266,8 @@ pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Tota
 
 /// Writes down what has happened to a job.
 pub(super) fn note(connection: &Connection, job: &str, kind: &str, data: &Value) -> rusqlite::Result<()> {
-    let insert = "INSERT INTO event (job, time_ms, kind, data) VALUES (?1, ?2, ?3, ?4)";
+    let insert = "INSERT INTO event (job, time_ms, kind, data, tenant) \
+        VALUES (?1, ?2, ?3, ?4, (SELECT tenant FROM job WHERE id = ?1))";
     connection.execute(insert, params![job, now_ms(), kind, data.to_string()])?;
     Ok(())
 }

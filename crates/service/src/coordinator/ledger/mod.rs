@@ -12,7 +12,8 @@ mod units;
 
 pub use jobs::Accepted;
 pub use rows::{
-    Checks, Event, FrameRow, Job, JobState, NewJob, Pending, Rendering, Totals, UnitRow, UnitState, priority,
+    Checks, Event, EventsOf, FrameRow, Job, JobState, NewJob, Pending, Rendering, Totals, UnitRow, UnitState,
+    priority,
 };
 pub use tokens::{Role, Token};
 

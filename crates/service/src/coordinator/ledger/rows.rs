@@ -72,6 +72,8 @@ pub struct Job {
     pub seq: i64,
     /// Its name in requests.
     pub id: String,
+    /// The tenant that it belongs to.
+    pub tenant: String,
     /// Its state.
     pub state: JobState,
     /// The request, as JSON.
@@ -96,7 +98,7 @@ pub struct Job {
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms";
+        planned, spent_ms, tenant";
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let text = |column: usize| row.get::<_, String>(column);
@@ -117,6 +119,7 @@ impl Job {
             error: row.get(9)?,
             is_planned: row.get(10)?,
             spent_ms: row.get(11)?,
+            tenant: text(12)?,
         })
     }
 }
@@ -131,6 +134,8 @@ pub fn priority(name: &str) -> Option<Priority> {
 pub struct NewJob {
     /// Its name in requests.
     pub id: String,
+    /// The tenant that it belongs to.
+    pub tenant: String,
     /// The request, as JSON.
     pub request: String,
     /// The SHA-256 of what its pictures depend on.
@@ -145,6 +150,17 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// True if someone is to be called when it ends.
     pub has_webhook: bool,
+}
+
+/// The jobs whose events are asked for.
+#[derive(Clone, Copy, Debug)]
+pub enum EventsOf<'a> {
+    /// One job.
+    Job(&'a str),
+    /// Those of a tenant.
+    Tenant(&'a str),
+    /// All.
+    All,
 }
 
 /// Something that happened to a job.

@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 4] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS];
+const MIGRATIONS: [&str; 5] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -164,6 +164,34 @@ const TOKENS: &str = "
         id TEXT PRIMARY KEY,
         expires_ms INTEGER NOT NULL
     ) WITHOUT ROWID;
+";
+
+/// Tokens act for tenants, and what there was is the first token's. Keys of requests are a tenant's own; the column of
+/// before stays empty, because SQLite drops none that is unique.
+const TENANTS: &str = "
+    ALTER TABLE token ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    UPDATE token SET tenant = name;
+    ALTER TABLE job ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    ALTER TABLE event ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    CREATE TABLE request_key (
+        tenant TEXT NOT NULL,
+        key TEXT NOT NULL,
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        PRIMARY KEY (tenant, key)
+    ) WITHOUT ROWID;
+    INSERT INTO request_key SELECT tenant, idempotency_key, id FROM job WHERE idempotency_key IS NOT NULL;
+    UPDATE job SET idempotency_key = NULL;
+    CREATE TABLE upload (
+        tenant TEXT NOT NULL,
+        sha256 TEXT NOT NULL REFERENCES scene (sha256) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL,
+        PRIMARY KEY (tenant, sha256)
+    ) WITHOUT ROWID;
+    INSERT INTO upload SELECT 'admin', sha256, created_ms FROM scene;
+    DROP INDEX job_request;
+    CREATE INDEX job_request ON job (tenant, request_hash);
+    CREATE INDEX job_tenant ON job (tenant, seq);
+    CREATE INDEX event_tenant ON event (tenant, seq);
 ";
 
 /// The version of the tables that are there; 0 if there are none.

@@ -13,7 +13,7 @@ use subtle::ConstantTimeEq;
 /// Digits of a token's SHA-256 by which its row is found. The others are compared in constant time.
 const START: usize = 16;
 
-/// What a token allows. Each role may do what those before it may.
+/// The rights of a token. Each role may do what those before it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
@@ -59,7 +59,9 @@ impl FromStr for Role {
 pub struct Token {
     /// Its name.
     pub name: String,
-    /// What it allows.
+    /// The tenant whose jobs and scenes it reaches; tokens of one tenant share them.
+    pub tenant: String,
+    /// Its role.
     pub role: Role,
     /// Milliseconds since 1970.
     pub created_ms: i64,
@@ -71,7 +73,7 @@ pub struct Token {
 }
 
 impl Token {
-    const COLUMNS: &str = "name, role, created_ms, expires_ms, series";
+    const COLUMNS: &str = "name, role, created_ms, expires_ms, series, tenant";
 
     fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let wrong = || rusqlite::Error::InvalidColumnType(1, "role".into(), rusqlite::types::Type::Text);
@@ -81,15 +83,22 @@ impl Token {
             created_ms: row.get(2)?,
             expires_ms: row.get(3)?,
             series: row.get(4)?,
+            tenant: row.get(5)?,
         })
     }
 
-    /// A token that begins now.
+    /// A token that begins now, of the tenant that is named as it is.
     ///
     /// # Errors
     /// If the system has no random numbers.
     pub fn new(name: &str, role: Role, expires_ms: Option<i64>) -> io::Result<Self> {
-        Ok(Self { name: name.to_owned(), role, created_ms: now_ms(), expires_ms, series: random_hex()? })
+        let (name, tenant) = (name.to_owned(), name.to_owned());
+        Ok(Self { name, tenant, role, created_ms: now_ms(), expires_ms, series: random_hex()? })
+    }
+
+    /// The same token of another tenant.
+    pub fn with_tenant(self, tenant: &str) -> Self {
+        Self { tenant: tenant.to_owned(), ..self }
     }
 
     /// The SHA-256 of a token's text, in hexadecimal digits: what the ledger keeps of it.
@@ -121,10 +130,12 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn add_token(&self, token: Token, hash: String) -> Result<bool, LedgerError> {
         self.change(move |transaction| {
-            let Token { name, role, created_ms, expires_ms, series } = token;
-            let insert = "INSERT OR IGNORE INTO token (name, hash_start, hash, series, role, created_ms, expires_ms) \
-                VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
-            let row = params![name, &hash[..START], hash, series, role.name(), created_ms, expires_ms];
+            let Token { name, tenant, role, created_ms, expires_ms, series } = token;
+            let insert = "INSERT OR IGNORE INTO token \
+                (name, hash_start, hash, series, role, created_ms, expires_ms, tenant) \
+                VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
+            let row =
+                params![name, &hash[..START], hash, series, role.name(), created_ms, expires_ms, tenant];
             Ok(transaction.execute(insert, row)? > 0)
         })
     }
@@ -160,7 +171,7 @@ impl Ledger {
             let select = format!("SELECT {}, hash FROM token WHERE hash_start = ?1", Token::COLUMNS);
             let mut select = connection.prepare_cached(&select)?;
             let found =
-                select.query_row([&hash[..START]], |row| Ok((Token::of(row)?, row.get(5)?))).optional()?;
+                select.query_row([&hash[..START]], |row| Ok((Token::of(row)?, row.get(6)?))).optional()?;
             let is_same = |(_, kept): &(Token, String)| kept.as_bytes().ct_eq(hash.as_bytes()).into();
             Ok(found.filter(is_same).map(|(token, _)| token))
         })

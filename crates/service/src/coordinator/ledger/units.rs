@@ -4,7 +4,7 @@ use super::jobs::{note, totals};
 use super::rows::{FrameRow, JobState, Rendering, UnitRow};
 use super::{Ledger, LedgerError, now_ms};
 use crate::backend::FrameId;
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde_json::json;
 
 /// The longest pause between two calls of a webhook: twice an hour.
@@ -246,20 +246,38 @@ impl Ledger {
         })
     }
 
-    /// Writes down that a scene is on the disk.
+    /// Writes down that a scene is on the disk, and that a tenant has uploaded it, unless it is the service's own.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn keep_scene(&self, sha256: &str, bytes: u64) -> Result<(), LedgerError> {
-        let sha256 = sha256.to_owned();
+    pub fn keep_scene(&self, tenant: Option<&str>, sha256: &str, bytes: u64) -> Result<(), LedgerError> {
+        let (tenant, sha256) = (tenant.map(str::to_owned), sha256.to_owned());
         self.change(move |transaction| {
             let insert = "INSERT OR IGNORE INTO scene (sha256, bytes, created_ms) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![sha256, bytes as i64, now_ms()])?;
+            if let Some(tenant) = tenant {
+                let insert = "INSERT OR IGNORE INTO upload (tenant, sha256, created_ms) VALUES (?1, ?2, ?3)";
+                transaction.execute(insert, params![tenant, sha256, now_ms()])?;
+            }
             Ok(())
         })
     }
 
-    /// The bytes of a scene that was uploaded; `None` if there is none.
+    /// The bytes of a scene that a tenant, or anyone, has uploaded; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn scene_of(&self, tenant: Option<&str>, sha256: &str) -> Result<Option<u64>, LedgerError> {
+        let Some(tenant) = tenant else { return self.scene(sha256) };
+        self.read(|connection| {
+            let select =
+                "SELECT bytes FROM upload JOIN scene USING (sha256) WHERE tenant = ?1 AND sha256 = ?2";
+            let bytes = |row: &Row<'_>| Ok(row.get::<_, i64>(0)? as u64);
+            connection.query_row(select, [tenant, sha256], bytes).optional()
+        })
+    }
+
+    /// The bytes of a scene that is on the disk, whoever it is of; `None` if there is none.
     ///
     /// # Errors
     /// If the ledger cannot be used.

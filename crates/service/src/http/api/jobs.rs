@@ -6,6 +6,7 @@ use crate::contract::{Problem, hex};
 use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
@@ -23,11 +24,16 @@ const MOST_LISTED: usize = 500;
 const MOST_KEY_BYTES: usize = 200;
 
 /// `POST /api/v1/jobs`.
-pub async fn submit(Given(state): Given<State>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
+pub async fn submit(
+    Given(state): Given<State>,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
     let request: JobRequest = body::json(&state, &headers, body).await?;
     let key = idempotency_key(&headers)?;
     let fresh = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == "no-cache");
-    state.blocking(move |state| accept(state, request, key, fresh)).await
+    state.blocking(move |state| accept(state, &caller, request, key, fresh)).await
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
@@ -41,13 +47,14 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
 /// Checks a request and writes it into the ledger.
 fn accept(
     state: &State,
+    caller: &Caller,
     mut request: JobRequest,
     idempotency_key: Option<String>,
     is_fresh: bool,
 ) -> Result<Response, Problem> {
     request.scene = scenes::sha256(&request.scene)
         .map_err(|_| Problem::unprocessable("scene: write the SHA-256 of the scene, 64 digits"))?;
-    let known = state.ledger().scene(&request.scene)?;
+    let known = caller.scene(state, &request.scene)?;
     known.ok_or_else(|| {
         Problem::unprocessable("scene: it has not been uploaded; PUT it to /api/v1/scenes/{sha256}")
     })?;
@@ -68,11 +75,11 @@ fn accept(
         && !is_fresh
         && idempotency_key.is_none()
         && request.webhook.is_none()
-        && let Some(id) = state.ledger().known(&request_hash)?
+        && let Some(id) = state.ledger().known(caller.tenant(), &request_hash)?
         && has_pictures(state, &id)?
     {
         metrics::counter!("raystream_known_requests_total").increment(1);
-        return answer(state, &id, StatusCode::OK);
+        return answer(state, caller, &id, StatusCode::OK);
     }
     let mut random = [0; 8];
     getrandom::fill(&mut random).map_err(|error| {
@@ -81,6 +88,7 @@ fn accept(
     let id = hex(&random);
     let new = NewJob {
         id: id.clone(),
+        tenant: caller.tenant().to_owned(),
         has_webhook: request.webhook.is_some(),
         request: serde_json::to_string(&request).expect("a request is JSON"),
         request_hash,
@@ -93,9 +101,9 @@ fn accept(
     match state.ledger().accept(new, most)? {
         Accepted::New => {
             state.runner().wake();
-            answer(state, &id, StatusCode::ACCEPTED)
+            answer(state, caller, &id, StatusCode::ACCEPTED)
         }
-        Accepted::Earlier(id, true) => answer(state, &id, StatusCode::OK),
+        Accepted::Earlier(id, true) => answer(state, caller, &id, StatusCode::OK),
         Accepted::Earlier(id, false) => Err(Problem::new(
             StatusCode::CONFLICT,
             format!("job {id} was submitted with this Idempotency-Key and another request; use another key"),
@@ -152,7 +160,7 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
     let compared_share = compared as f64 / units_done.max(1) as f64;
     let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
     Ok(json!({
-        "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
+        "id": job.id, "tenant": job.tenant, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
         "spec": request.map(|request| request.spec),
         "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
@@ -163,12 +171,8 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
     }))
 }
 
-pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
-    state.ledger().job(id)?.ok_or_else(|| Problem::missing(format!("job {id:?}")))
-}
-
-fn answer(state: &State, id: &str, status: StatusCode) -> Result<Response, Problem> {
-    let job = find(state, id)?;
+fn answer(state: &State, caller: &Caller, id: &str, status: StatusCode) -> Result<Response, Problem> {
+    let job = caller.job(state, id)?;
     let body = Json(shown(state, &job)?);
     let location = format!("/api/v1/jobs/{id}");
     Ok((status, [(header::LOCATION, location)], body).into_response())
@@ -186,6 +190,7 @@ pub struct ListQuery {
 /// `GET /api/v1/jobs`.
 pub async fn list(
     Given(state): Given<State>,
+    caller: Caller,
     query: Result<Query<ListQuery>, axum::extract::rejection::QueryRejection>,
 ) -> Result<Json<Value>, Problem> {
     let Query(ListQuery { state: wanted, cursor, limit }) =
@@ -195,7 +200,7 @@ pub async fn list(
     let most = limit.unwrap_or(LISTED).clamp(1, MOST_LISTED);
     state
         .blocking(move |state| {
-            let jobs = state.ledger().jobs(wanted, cursor, most)?;
+            let jobs = state.ledger().jobs(caller.scope(), wanted, cursor, most)?;
             let next = (jobs.len() == most).then(|| jobs.last().map(|job| job.seq)).flatten();
             let jobs = jobs.iter().map(|job| shown(state, job)).collect::<Result<Vec<_>, _>>()?;
             Ok(Json(json!({ "jobs": jobs, "cursor": next })))
@@ -204,10 +209,14 @@ pub async fn list(
 }
 
 /// `GET /api/v1/jobs/{id}`.
-pub async fn status(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
+pub async fn status(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<Value>, Problem> {
     state
         .blocking(move |state| {
-            let job = find(state, &id)?;
+            let job = caller.job(state, &id)?;
             let mut body = shown(state, &job)?;
             let frames: Vec<Value> = state.ledger().frames(&id)?.iter().map(shown_frame).collect();
             body["pictures"] = frames.into();
@@ -231,8 +240,7 @@ const LOST: &[JobState] = &[JobState::Failed, JobState::Cancelled];
 /// Moves a job to another state; 409 if it is in none from which it can. The body says nothing, but it is read: the
 /// connection would end otherwise.
 async fn steer(
-    state: State,
-    id: String,
+    (state, caller, id): (State, Caller, String),
     body: Body,
     from: &'static [JobState],
     to: JobState,
@@ -240,6 +248,7 @@ async fn steer(
     body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
     state
         .blocking(move |state| {
+            caller.job(state, &id)?;
             let now = state.ledger().set_state(&id, from, to, None)?;
             let now = now.ok_or_else(|| Problem::missing(format!("job {id:?}")))?;
             // A second call of the same finds what the first did.
@@ -269,37 +278,41 @@ async fn steer(
 /// `POST /api/v1/jobs/{id}/cancel`.
 pub async fn cancel(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, OPEN, JobState::Cancelled).await
+    steer((state, caller, id), body, OPEN, JobState::Cancelled).await
 }
 
 /// `POST /api/v1/jobs/{id}/pause`.
 pub async fn pause(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, ACTIVE, JobState::Paused).await
+    steer((state, caller, id), body, ACTIVE, JobState::Paused).await
 }
 
 /// `POST /api/v1/jobs/{id}/resume`.
 pub async fn resume(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, PAUSED, JobState::Queued).await
+    steer((state, caller, id), body, PAUSED, JobState::Queued).await
 }
 
 /// `POST /api/v1/jobs/{id}/retry`: a job that failed or was cancelled goes on from what is kept.
 pub async fn retry(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, LOST, JobState::Queued).await
+    steer((state, caller, id), body, LOST, JobState::Queued).await
 }
 
 #[derive(Deserialize)]
@@ -311,6 +324,7 @@ struct NewPriority {
 /// `POST /api/v1/jobs/{id}/priority`.
 pub async fn priority(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     headers: HeaderMap,
     body: Body,
@@ -319,11 +333,10 @@ pub async fn priority(
     let priority = parse_priority(&priority)?;
     state
         .blocking(move |state| {
-            if !state.ledger().set_priority(&id, priority)? {
-                return Err(Problem::missing(format!("job {id:?}")));
-            }
+            caller.job(state, &id)?;
+            state.ledger().set_priority(&id, priority)?;
             state.runner().set_priority(&id, priority);
-            let job = find(state, &id)?;
+            let job = caller.job(state, &id)?;
             Ok(Json(json!({ "id": id, "state": job.state, "priority": priority.name() })))
         })
         .await

@@ -3,6 +3,7 @@
 use super::{body, scenes};
 use crate::contract::Problem;
 use crate::coordinator::JobRequest;
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::body::Body;
 use axum::extract::{Query, State as Given};
@@ -33,6 +34,7 @@ const HEADER_BYTES: u64 = 4096;
 /// `POST /api/v1/query`.
 pub async fn query(
     Given(state): Given<State>,
+    caller: Caller,
     query: Result<Query<RayQuery>, axum::extract::rejection::QueryRejection>,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -42,10 +44,8 @@ pub async fn query(
     let bytes = body::whole(&state, body, ("query_rays", limit)).await?;
     state
         .blocking(move |state| {
-            state
-                .ledger()
-                .scene(&scene)?
-                .ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
+            let known = caller.scene(state, &scene)?;
+            known.ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
             let rays = rays(&bytes).map_err(Problem::unprocessable)?;
             let request = JobRequest {
                 scene,

@@ -23,7 +23,8 @@ struct Login {
 /// `GET /api/v1/session`.
 pub async fn about(caller: Caller) -> Json<Value> {
     let expires_ms = caller.token.as_ref().and_then(|token| token.expires_ms);
-    Json(json!({ "name": caller.name(), "role": caller.role(), "expires_ms": expires_ms }))
+    Json(json!({ "name": caller.name(), "tenant": caller.tenant(), "role": caller.role(),
+        "expires_ms": expires_ms }))
 }
 
 /// `POST /api/v1/session`.
