@@ -7,7 +7,7 @@ use crate::service::args::{
 use anyhow::{Context, Result, ensure};
 use raystream_service::contract::{random_hex, write_private};
 use raystream_service::coordinator::DataFolder;
-use raystream_service::coordinator::ledger::{Ledger, Token};
+use raystream_service::coordinator::ledger::{Ledger, Quotas, Token, Usage};
 use raystream_service::http::TOKEN_FILE;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -33,10 +33,13 @@ fn with_ledger<T>(of: &DataArgs, work: impl FnOnce(&Ledger) -> Result<T>) -> Res
 }
 
 fn add(args: &TokenAddArgs) -> Result<()> {
-    let TokenAddArgs { of, name, tenant, role, days, output } = args;
+    let TokenAddArgs { of, name, tenant, role, days, output, .. } = args;
     let expires_ms = days.map(|days| now_ms() + i64::from(days) * DAY_MS);
     let text = random_hex()?;
-    let token = Token::new(name, *role, expires_ms)?.with_tenant(tenant.as_ref().unwrap_or(name));
+    let quotas =
+        Quotas { jobs: args.max_jobs, samples_a_day: args.samples_a_day, bytes_a_day: args.bytes_a_day };
+    let tenant = tenant.as_ref().unwrap_or(name);
+    let token = Token::new(name, *role, expires_ms)?.with_tenant(tenant).with_quotas(quotas);
     with_ledger(of, |ledger| {
         let is_new = ledger.add_token(token, Token::hash(&text))?;
         ensure!(is_new, "there is a token {name:?}; revoke or rotate it, or choose another name");
@@ -59,10 +62,15 @@ fn tell(of: &DataArgs, name: &str, text: &str, output: Option<&PathBuf>) -> Resu
 }
 
 fn list(args: &TokenListArgs) -> Result<()> {
-    let tokens = with_ledger(&args.of, |ledger| Ok(ledger.tokens()?))?;
-    for token in &tokens {
+    let tokens = with_ledger(&args.of, |ledger| {
+        let tokens = ledger.tokens()?.into_iter();
+        tokens.map(|token| Ok((ledger.usage(&token.tenant)?, token))).collect::<Result<Vec<_>>>()
+    })?;
+    for (used, token) in &tokens {
         if args.of.json {
-            stdout_line!("{}", serde_json::to_string(token)?);
+            let mut shown = serde_json::to_value(token)?;
+            shown["used"] = json!(used);
+            stdout_line!("{shown}");
             continue;
         }
         let left = token.expires_ms.map(|end| end - now_ms());
@@ -72,6 +80,15 @@ fn list(args: &TokenListArgs) -> Result<()> {
             Some(left) => format!("expires in {} h", left / 3_600_000),
         };
         stdout_line!("{:<20}  {:<20}  {:<6}  {end}", token.name, token.tenant, token.role.name());
+        let Usage { jobs, samples, bytes } = used;
+        let of = |most: Option<u64>| most.map_or_else(String::new, |most| format!(" of {most}"));
+        let Quotas { jobs: most_jobs, samples_a_day, bytes_a_day } = token.quotas;
+        stdout_line!(
+            "  open jobs {jobs}{}, today {samples}{} samples and {bytes}{} bytes",
+            of(most_jobs),
+            of(samples_a_day),
+            of(bytes_a_day)
+        );
     }
     Ok(())
 }

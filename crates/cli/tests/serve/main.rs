@@ -5,6 +5,7 @@ mod drake;
 mod jobs;
 mod kills;
 mod loaded;
+mod quotas;
 mod refusals;
 mod service;
 mod tenants;

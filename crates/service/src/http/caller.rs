@@ -2,7 +2,7 @@
 
 use super::state::State;
 use crate::contract::Problem;
-use crate::coordinator::ledger::{Job, Role, Token};
+use crate::coordinator::ledger::{Charge, Exceeded, Job, Quotas, Role, Token};
 use axum::extract::FromRequestParts;
 use axum::http::StatusCode;
 use axum::http::request::Parts;
@@ -44,6 +44,20 @@ impl Caller {
     /// If the ledger cannot be used.
     pub fn scene(&self, state: &State, sha256: &str) -> Result<Option<u64>, Problem> {
         Ok(state.ledger().scene_of(self.scope(), sha256)?)
+    }
+
+    /// Bounds of what the caller's tenant may use.
+    pub fn quotas(&self) -> Quotas {
+        self.token.as_ref().map(|token| token.quotas).unwrap_or_default()
+    }
+
+    /// Counts what the caller uses.
+    ///
+    /// # Errors
+    /// As for [`over_quota`]; 503 if the ledger cannot be used.
+    pub fn charge(&self, state: &State, charges: &[Charge]) -> Result<(), Problem> {
+        let charged = state.ledger().charge(self.tenant(), self.quotas(), charges.to_vec())?;
+        charged.map_err(over_quota)
     }
 
     /// True if the caller's token has neither been rotated nor revoked, nor has expired. Long answers ask for it.
@@ -89,4 +103,30 @@ impl FromRequestParts<State> for Caller {
             Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "no one was asked for a token on this route")
         })
     }
+}
+
+/// The refusal of what goes beyond a quota: 422 if it always will, else 429.
+pub fn over_quota(exceeded: Exceeded) -> Problem {
+    let Exceeded { charge, most, used, day_ends_s } = exceeded;
+    let (name, unit, asked) = match charge {
+        Charge::Job => {
+            let detail = format!(
+                "the quota of your token is {most} jobs that have not ended, and {used} have not; wait until some \
+                 have, or cancel some"
+            );
+            return Problem::limit(StatusCode::TOO_MANY_REQUESTS, "quota_jobs", most, detail).retry_after(10);
+        }
+        Charge::Samples(asked) => ("quota_samples_a_day", "samples (pixels × samples × frames)", asked),
+        Charge::Bytes(asked) => ("quota_bytes_a_day", "bytes", asked),
+    };
+    if asked > most {
+        let detail =
+            format!("this has {asked} {unit}, and the quota of your token is {most} a day; ask for less");
+        return Problem::limit(StatusCode::UNPROCESSABLE_ENTITY, name, most, detail);
+    }
+    let detail = format!(
+        "this has {asked} {unit}; the quota of your token is {most} a day, and {used} are used. The next day begins \
+         in {day_ends_s} s, at midnight UTC"
+    );
+    Problem::limit(StatusCode::TOO_MANY_REQUESTS, name, most, detail).retry_after(day_ends_s)
 }

@@ -111,9 +111,10 @@ fn answers() -> [(&'static str, Value); 4] {
     let steered = json!({ "type": "object", "required": ["id", "state"],
         "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": text() } });
     let end = json!({ "type": ["integer", "null"] });
-    let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms"],
+    let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms", "quotas", "used"],
         "properties": {
-            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end } });
+            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end,
+            "quotas": { "type": "object" }, "used": { "type": "object" } } });
     [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller)]
 }
 

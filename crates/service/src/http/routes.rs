@@ -86,8 +86,12 @@ fn of_jobs() -> [Route; 12] {
 fn of_farms() -> [Route; 5] {
     let admin = Access::Role(Role::Admin);
     [
-        Route::get("/api/v1/session", "Who asks: the token's name, tenant, role and end", session::about)
-            .answer("Caller"),
+        Route::get(
+            "/api/v1/session",
+            "Who asks: the token's name, tenant, role, end, quotas and what is used of them",
+            session::about,
+        )
+        .answer("Caller"),
         Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers)
             .access(admin),
         Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust)

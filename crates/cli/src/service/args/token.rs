@@ -43,6 +43,16 @@ pub struct TokenAddArgs {
     /// Role: read, submit or admin; each may do what those before it may.
     #[arg(long, value_name = "ROLE", default_value = "submit")]
     pub role: Role,
+    /// Most jobs of the tenant that have not ended [default: no bound of its own].
+    #[arg(long, value_name = "N")]
+    pub max_jobs: Option<u64>,
+    /// Most samples (pixels × samples × frames) that are accepted in a day, which begins at midnight UTC
+    /// [default: no bound].
+    #[arg(long, value_name = "N")]
+    pub samples_a_day: Option<u64>,
+    /// Most bytes that are sent in a day, as 500M or 12G [default: no bound].
+    #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
+    pub bytes_a_day: Option<u64>,
     /// Days until it expires [default: never].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=36_500))]
     pub days: Option<u32>,

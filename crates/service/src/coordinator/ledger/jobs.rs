@@ -1,6 +1,7 @@
 //! Jobs, their states and events.
 
 use super::rows::{Event, EventsOf, Job, JobState, NewJob, Totals};
+use super::usage::{Charge, Exceeded, charge_all};
 use super::{Ledger, LedgerError, now_ms};
 use raystream::schedule::Priority;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -16,6 +17,8 @@ pub enum Accepted {
     Earlier(String, bool),
     /// Too many jobs have not ended; this many have not.
     TooMany(u64),
+    /// The tenant has a quota that it would go beyond.
+    OverQuota(Exceeded),
 }
 
 impl Ledger {
@@ -42,6 +45,10 @@ impl Ledger {
             )?;
             if open as u64 >= most_open {
                 return Ok(Accepted::TooMany(open as u64));
+            }
+            let charges = [Charge::Job, Charge::Samples(new.demand.samples())];
+            if let Err(exceeded) = charge_all(transaction, &new.tenant, new.quotas, &charges)? {
+                return Ok(Accepted::OverQuota(exceeded));
             }
             let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
             transaction.execute(

@@ -9,6 +9,7 @@ mod schema;
 mod tests;
 mod tokens;
 mod units;
+mod usage;
 
 pub use jobs::Accepted;
 pub use rows::{
@@ -16,6 +17,7 @@ pub use rows::{
     priority,
 };
 pub use tokens::{Role, Token};
+pub use usage::{Charge, Exceeded, Quotas, Usage};
 
 use crate::contract::Problem;
 use crate::contract::failpoint;

@@ -1,5 +1,6 @@
 //! Rows of the tables.
 
+use super::usage::Quotas;
 use crate::backend::JobCost;
 use raystream::render::BLOCK;
 use raystream::schedule::Priority;
@@ -150,6 +151,8 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// True if someone is to be called when it ends.
     pub has_webhook: bool,
+    /// Bounds of what the tenant may use.
+    pub quotas: Quotas,
 }
 
 /// The jobs whose events are asked for.

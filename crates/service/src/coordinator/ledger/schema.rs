@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 5] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS];
+const MIGRATIONS: [&str; 6] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -192,6 +192,22 @@ const TENANTS: &str = "
     CREATE INDEX job_request ON job (tenant, request_hash);
     CREATE INDEX job_tenant ON job (tenant, seq);
     CREATE INDEX event_tenant ON event (tenant, seq);
+";
+
+/// What tokens allow, and what tenants use.
+const QUOTAS: &str = "
+    ALTER TABLE token ADD COLUMN most_jobs INTEGER;
+    ALTER TABLE token ADD COLUMN samples_a_day INTEGER;
+    ALTER TABLE token ADD COLUMN bytes_a_day INTEGER;
+    CREATE TABLE usage (
+        tenant TEXT NOT NULL,
+        day INTEGER NOT NULL,
+        samples INTEGER NOT NULL,
+        bytes INTEGER NOT NULL,
+        PRIMARY KEY (tenant, day)
+    ) WITHOUT ROWID;
+    DROP INDEX job_state;
+    CREATE INDEX job_state ON job (state, tenant);
 ";
 
 /// The version of the tables that are there; 0 if there are none.

@@ -15,6 +15,7 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         priority: Priority::Normal,
         idempotency_key: key.map(str::to_owned),
         has_webhook: false,
+        quotas: Quotas::default(),
     }
 }
 

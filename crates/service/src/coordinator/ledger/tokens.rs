@@ -1,5 +1,6 @@
 //! Tokens: their names, what they allow, and until when. The ledger has their hashes alone.
 
+use super::usage::Quotas;
 use super::{Ledger, LedgerError, now_ms};
 use crate::contract::{hex, random_hex};
 use rusqlite::{OptionalExtension, Row, params};
@@ -63,6 +64,8 @@ pub struct Token {
     pub tenant: String,
     /// Its role.
     pub role: Role,
+    /// Bounds of what its tenant may use by it.
+    pub quotas: Quotas,
     /// Milliseconds since 1970.
     pub created_ms: i64,
     /// The time from which it allows nothing, in milliseconds since 1970.
@@ -73,11 +76,17 @@ pub struct Token {
 }
 
 impl Token {
-    const COLUMNS: &str = "name, role, created_ms, expires_ms, series, tenant";
+    const COLUMNS: &str =
+        "name, role, created_ms, expires_ms, series, tenant, most_jobs, samples_a_day, bytes_a_day";
 
     fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let wrong = || rusqlite::Error::InvalidColumnType(1, "role".into(), rusqlite::types::Type::Text);
+        let count = |column: usize| -> rusqlite::Result<Option<u64>> {
+            Ok(row.get::<_, Option<i64>>(column)?.map(i64::cast_unsigned))
+        };
+        let quotas = Quotas { jobs: count(6)?, samples_a_day: count(7)?, bytes_a_day: count(8)? };
         Ok(Self {
+            quotas,
             name: row.get(0)?,
             role: row.get::<_, String>(1)?.parse().map_err(|_| wrong())?,
             created_ms: row.get(2)?,
@@ -93,12 +102,18 @@ impl Token {
     /// If the system has no random numbers.
     pub fn new(name: &str, role: Role, expires_ms: Option<i64>) -> io::Result<Self> {
         let (name, tenant) = (name.to_owned(), name.to_owned());
-        Ok(Self { name, tenant, role, created_ms: now_ms(), expires_ms, series: random_hex()? })
+        let quotas = Quotas::default();
+        Ok(Self { name, tenant, role, quotas, created_ms: now_ms(), expires_ms, series: random_hex()? })
     }
 
     /// The same token of another tenant.
     pub fn with_tenant(self, tenant: &str) -> Self {
         Self { tenant: tenant.to_owned(), ..self }
+    }
+
+    /// The same token with other quotas.
+    pub fn with_quotas(self, quotas: Quotas) -> Self {
+        Self { quotas, ..self }
     }
 
     /// The SHA-256 of a token's text, in hexadecimal digits: what the ledger keeps of it.
@@ -130,12 +145,17 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn add_token(&self, token: Token, hash: String) -> Result<bool, LedgerError> {
         self.change(move |transaction| {
-            let Token { name, tenant, role, created_ms, expires_ms, series } = token;
+            let Token { name, tenant, role, quotas, created_ms, expires_ms, series } = token;
+            let Quotas { jobs, samples_a_day, bytes_a_day } = quotas;
+            let [jobs, samples, bytes] = [jobs, samples_a_day, bytes_a_day]
+                .map(|most| most.map(|most| i64::try_from(most).unwrap_or(i64::MAX)));
             let insert = "INSERT OR IGNORE INTO token \
-                (name, hash_start, hash, series, role, created_ms, expires_ms, tenant) \
-                VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
-            let row =
-                params![name, &hash[..START], hash, series, role.name(), created_ms, expires_ms, tenant];
+                (name, hash_start, hash, series, role, created_ms, expires_ms, tenant, most_jobs, samples_a_day, \
+                bytes_a_day) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)";
+            let (start, role) = (&hash[..START], role.name());
+            let row = params![
+                name, start, hash, series, role, created_ms, expires_ms, tenant, jobs, samples, bytes
+            ];
             Ok(transaction.execute(insert, row)? > 0)
         })
     }
@@ -171,7 +191,7 @@ impl Ledger {
             let select = format!("SELECT {}, hash FROM token WHERE hash_start = ?1", Token::COLUMNS);
             let mut select = connection.prepare_cached(&select)?;
             let found =
-                select.query_row([&hash[..START]], |row| Ok((Token::of(row)?, row.get(6)?))).optional()?;
+                select.query_row([&hash[..START]], |row| Ok((Token::of(row)?, row.get(9)?))).optional()?;
             let is_same = |(_, kept): &(Token, String)| kept.as_bytes().ct_eq(hash.as_bytes()).into();
             Ok(found.filter(is_same).map(|(token, _)| token))
         })

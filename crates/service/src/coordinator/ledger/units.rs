@@ -1,7 +1,8 @@
 //! Frames and units of jobs, scenes, and calls that are due.
 
-use super::jobs::{note, totals};
+use super::jobs::{find, note, totals};
 use super::rows::{FrameRow, JobState, Rendering, UnitRow};
+use super::usage::{Charge, Quotas, charge_all};
 use super::{Ledger, LedgerError, now_ms};
 use crate::backend::FrameId;
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -23,6 +24,7 @@ impl Ledger {
             if transaction.execute(plan, params![job, block_samples as i64])? == 0 {
                 return Ok(());
             }
+            charge_frames(transaction, &job, frames.len() as u64)?;
             for frame in &frames {
                 let insert = "INSERT INTO frame (job, number, name) VALUES (?1, ?2, ?3)";
                 transaction.execute(insert, params![job, frame.number, frame.name])?;
@@ -320,6 +322,18 @@ impl Ledger {
             Ok(())
         })
     }
+}
+
+/// Counts the frames of a job that only its scene could tell: one was counted when it was accepted.
+fn charge_frames(connection: &Connection, job: &str, frames: u64) -> rusqlite::Result<()> {
+    if let Some(job) = find(connection, job)?
+        && job.demand.frames.is_none()
+    {
+        let more = job.demand.samples().saturating_mul(frames.saturating_sub(1));
+        // It goes on, whatever the quota: the next job is refused.
+        let _ = charge_all(connection, &job.tenant, Quotas::default(), &[Charge::Samples(more)])?;
+    }
+    Ok(())
 }
 
 /// Forgets all units of a frame, and its picture.

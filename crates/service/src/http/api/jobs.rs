@@ -6,13 +6,14 @@ use crate::contract::{Problem, hex};
 use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
-use crate::http::caller::Caller;
+use crate::http::caller::{Caller, over_quota};
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
 use axum::extract::{Path, Query, State as Given};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
+use raystream::schedule::Priority;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -44,14 +45,8 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     text.map(|key| Some(key.to_owned())).ok_or_else(wrong)
 }
 
-/// Checks a request and writes it into the ledger.
-fn accept(
-    state: &State,
-    caller: &Caller,
-    mut request: JobRequest,
-    idempotency_key: Option<String>,
-    is_fresh: bool,
-) -> Result<Response, Problem> {
+/// Checks a request, and writes the name of its scene as the ledger has it. Returns its priority and its cost.
+fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Priority, JobCost), Problem> {
     request.scene = scenes::sha256(&request.scene)
         .map_err(|_| Problem::unprocessable("scene: write the SHA-256 of the scene, 64 digits"))?;
     let known = caller.scene(state, &request.scene)?;
@@ -68,6 +63,18 @@ fn accept(
     let folder = state.store().scene_folder(&request.scene);
     let demand = state.backend().check(&request.spec, &entry, &folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
+    Ok((priority, demand))
+}
+
+/// Checks a request and writes it into the ledger.
+fn accept(
+    state: &State,
+    caller: &Caller,
+    mut request: JobRequest,
+    idempotency_key: Option<String>,
+    is_fresh: bool,
+) -> Result<Response, Problem> {
+    let (priority, demand) = check(state, caller, &mut request)?;
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
     // Whoever is to be called is called for a job of its own.
@@ -90,6 +97,7 @@ fn accept(
         id: id.clone(),
         tenant: caller.tenant().to_owned(),
         has_webhook: request.webhook.is_some(),
+        quotas: caller.quotas(),
         request: serde_json::to_string(&request).expect("a request is JSON"),
         request_hash,
         demand,
@@ -108,6 +116,7 @@ fn accept(
             StatusCode::CONFLICT,
             format!("job {id} was submitted with this Idempotency-Key and another request; use another key"),
         )),
+        Accepted::OverQuota(exceeded) => Err(over_quota(exceeded)),
         Accepted::TooMany(_) => {
             let detail = format!("{most} jobs have not ended; wait until some have, or cancel some");
             Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))

@@ -3,6 +3,7 @@
 use super::{body, scenes};
 use crate::contract::Problem;
 use crate::coordinator::JobRequest;
+use crate::coordinator::ledger::Charge;
 use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::body::Body;
@@ -47,6 +48,8 @@ pub async fn query(
             let known = caller.scene(state, &scene)?;
             known.ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
             let rays = rays(&bytes).map_err(Problem::unprocessable)?;
+            let charges = [Charge::Samples(rays.len() as u64), Charge::Bytes(bytes.len() as u64)];
+            caller.charge(state, &charges)?;
             let request = JobRequest {
                 scene,
                 entry: query.entry,

@@ -2,6 +2,7 @@
 
 use super::body::Pieces;
 use crate::contract::{self, Problem};
+use crate::coordinator::ledger::Charge;
 use crate::coordinator::store::Upload;
 use crate::http::caller::Caller;
 use crate::http::state::State;
@@ -53,9 +54,10 @@ pub async fn upload(
         return Ok((StatusCode::OK, answer(&sha256, bytes)).into_response());
     }
     let limit = state.limits().scene_bytes;
-    let length = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse().ok());
+    let length: Option<u64> =
+        headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse().ok());
     let mut pieces = Pieces::new(&state, body, ("scene_bytes", limit));
-    if length.is_some_and(|length: u64| length > limit) {
+    if length.is_some_and(|length| length > limit) {
         return Err(pieces.refuse().await);
     }
     let most = state.limits().uploads as u64;
@@ -63,10 +65,21 @@ pub async fn upload(
         let detail = format!("{most} uploads are under way; wait for one of them");
         Problem::limit(StatusCode::TOO_MANY_REQUESTS, "uploads", most, detail)
     })?;
+    if let Some(length) = length {
+        let asking = caller.clone();
+        let charged = state.blocking(move |state| asking.charge(state, &[Charge::Bytes(length)])).await;
+        if let Err(problem) = charged {
+            pieces.refuse().await;
+            return Err(problem);
+        }
+    }
     let upload = receive(&state, &mut pieces).await?;
     let kept = sha256.clone();
     let bytes = state
         .blocking(move |state| {
+            if length.is_none() {
+                caller.charge(state, &[Charge::Bytes(upload.bytes())])?;
+            }
             let bytes = state.store().keep(upload, &kept, state.limits())?;
             state.ledger().keep_scene(Some(caller.tenant()), &kept, bytes)?;
             Ok(bytes)

@@ -21,10 +21,12 @@ struct Login {
 }
 
 /// `GET /api/v1/session`.
-pub async fn about(caller: Caller) -> Json<Value> {
+pub async fn about(Given(state): Given<State>, caller: Caller) -> Result<Json<Value>, Problem> {
     let expires_ms = caller.token.as_ref().and_then(|token| token.expires_ms);
-    Json(json!({ "name": caller.name(), "tenant": caller.tenant(), "role": caller.role(),
-        "expires_ms": expires_ms }))
+    let asking = caller.clone();
+    let used = state.blocking(move |state| Ok(state.ledger().usage(asking.tenant())?)).await?;
+    Ok(Json(json!({ "name": caller.name(), "tenant": caller.tenant(), "role": caller.role(),
+        "expires_ms": expires_ms, "quotas": caller.quotas(), "used": used })))
 }
 
 /// `POST /api/v1/session`.
