@@ -96,6 +96,32 @@ fn jobs_are_steered_and_followed() {
     assert_ne!(page["jobs"][0]["id"], next["jobs"][0]["id"]);
 }
 
+#[test]
+fn equal_requests_that_are_under_way_share_one_job() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let request = json!({ "scene": scene, "size": "64x48", "spp": 4000, "priority": "background" });
+    let submit = || service.post("/api/v1/jobs", &request);
+    let answers: Vec<_> = std::thread::scope(|scope| {
+        let clients: Vec<_> = (0..20).map(|_| scope.spawn(submit)).collect();
+        clients.into_iter().map(|client| client.join().expect("a client")).collect()
+    });
+    let id = answers[0].json()["id"].clone();
+    assert!(answers.iter().all(|answer| answer.json()["id"] == id));
+    assert_eq!(answers.iter().filter(|answer| answer.status == 202).count(), 1, "one of them is the first");
+    let urgent = json!({ "scene": scene, "size": "64x48", "spp": 4000, "priority": "interactive" });
+    let answer = service.post("/api/v1/jobs", &urgent).json();
+    assert_eq!((&answer["id"], &answer["priority"]), (&id, &json!("interactive")), "the most urgent counts");
+    for headers in [("Cache-Control", "no-cache"), ("Idempotency-Key", "own")] {
+        let headers = [("Content-Type", "application/json"), headers];
+        let answer = service.send("POST", "/api/v1/jobs", &headers, request.to_string().into_bytes());
+        assert!(answer.status == 202 && answer.json()["id"] != id, "{}", answer.json());
+    }
+    let jobs = service.get("/api/v1/jobs").json()["jobs"].as_array().expect("jobs").len();
+    assert_eq!(jobs, 3);
+}
+
 /// The numbers and kinds of a job's events up to one of a kind.
 fn events(service: &Service, id: &str, after: Option<&str>, last: &str) -> Vec<(String, String)> {
     let address = service.url.strip_prefix("http://").expect("an address");
@@ -192,6 +218,11 @@ fn rays_are_answered_with_hits() {
         .expect("numbers");
     assert!((t[0] - 4.0).abs() < 0.2 && t.len() == 2, "{t:?}");
     assert_eq!(service.send("POST", &path, &[], npy[..100].to_vec()).status, 422);
+    let mut huge = npy.clone();
+    let many = "'shape': (2305843009213693952, 8), }";
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, {many}");
+    huge.splice(10..128, format!("{text:<117}\n").bytes());
+    assert_eq!(service.send("POST", &path, &[], huge).status, 422, "more rays than there are");
     assert_eq!(service.send("POST", &format!("{path}&any_hit=true"), &[], npy).status, 200);
 }
 

@@ -39,7 +39,7 @@ fn of_jobs() -> [Route; 12] {
             .query(&[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)]),
         Route::post(
             "/api/v1/jobs",
-            "Submit a job: 202, or 200 if an earlier job has the answer",
+            "Submit a job: 202, or 200 if one with the same request has ended or is under way",
             jobs::submit,
         )
         .codes(&[200, 202])

@@ -15,6 +15,8 @@ pub enum Accepted {
     /// An earlier request of the tenant had its idempotency key; this is its job, and true if the requests are the
     /// same.
     Earlier(String, bool),
+    /// A job of the same request is under way, or has just ended.
+    Shared(String),
     /// Too many jobs have not ended; this many have not.
     TooMany(u64),
     /// The tenant has a quota that it would go beyond.
@@ -37,6 +39,11 @@ impl Ledger {
                 if let Some((id, hash)) = earlier {
                     return Ok(Accepted::Earlier(id, hash == new.request_hash));
                 }
+            }
+            if let Some(after) = new.shared_after
+                && let Some(id) = shared(transaction, &new.tenant, &new.request_hash, after)?
+            {
+                return Ok(Accepted::Shared(id));
             }
             let open: i64 = transaction.query_row(
                 "SELECT count(*) FROM job WHERE state IN ('queued', 'running', 'paused')",
@@ -79,15 +86,18 @@ impl Ledger {
         })
     }
 
-    /// The tenant's finished job of the same request, if there is one whose pictures hold no suspect's sums.
+    /// The tenant's last finished job of the same request, if there is one whose pictures hold no suspect's sums.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn known(&self, tenant: &str, request_hash: &str) -> Result<Option<String>, LedgerError> {
+    pub fn known(&self, tenant: &str, request_hash: &str) -> Result<Option<Job>, LedgerError> {
         self.read(|connection| {
-            let find = "SELECT id FROM job WHERE tenant = ?1 AND request_hash = ?2 AND state = 'done' \
-                AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) LIMIT 1";
-            connection.query_row(find, [tenant, request_hash], |row| row.get(0)).optional()
+            let select = format!(
+                "SELECT {} FROM job WHERE tenant = ?1 AND request_hash = ?2 AND state = 'done' \
+                 AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) ORDER BY seq DESC LIMIT 1",
+                Job::COLUMNS
+            );
+            connection.query_row(&select, [tenant, request_hash], Job::of).optional()
         })
     }
 
@@ -240,6 +250,14 @@ impl Ledger {
             connection.query_row("SELECT coalesce(max(seq), 0) FROM event", [], |row| row.get(0))
         })
     }
+}
+
+/// The tenant's job of the same request that is under way, or that has ended well and came after a place.
+fn shared(connection: &Connection, tenant: &str, hash: &str, after: i64) -> rusqlite::Result<Option<String>> {
+    let select = "SELECT id FROM job WHERE tenant = ?1 AND request_hash = ?2 \
+        AND (state IN ('queued', 'running') OR state = 'done' AND seq > ?3) \
+        AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) ORDER BY seq LIMIT 1";
+    connection.query_row(select, params![tenant, hash, after], |row| row.get(0)).optional()
 }
 
 /// A job.

@@ -153,6 +153,9 @@ pub struct NewJob {
     pub has_webhook: bool,
     /// Bounds of what the tenant may use.
     pub quotas: Quotas,
+    /// The place in the order of arrival behind which a job of the same request may be this one's answer; `None` if
+    /// none may.
+    pub shared_after: Option<i64>,
 }
 
 /// The jobs whose events are asked for.

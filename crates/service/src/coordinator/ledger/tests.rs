@@ -16,6 +16,7 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         idempotency_key: key.map(str::to_owned),
         has_webhook: false,
         quotas: Quotas::default(),
+        shared_after: None,
     }
 }
 
@@ -81,7 +82,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     }
     let job = ledger.job("a1").expect("a ledger").expect("the job");
     assert_eq!(
-        (job.state, ledger.known("t", "hash of a").expect("a ledger")),
+        (job.state, ledger.known("t", "hash of a").expect("a ledger").map(|job| job.id)),
         (JobState::Done, Some("a1".into()))
     );
     let refused = ledger.set_state("a1", &[JobState::Running], JobState::Cancelled, None).expect("a ledger");
@@ -192,7 +193,7 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
         finish(&ledger, id, 0);
     }
     finish(&ledger, "a1", 1);
-    assert_eq!(ledger.known("t", "hash of a").expect("a ledger"), Some("a1".into()));
+    assert_eq!(ledger.known("t", "hash of a").expect("a ledger").map(|job| job.id), Some("a1".into()));
     // The job that goes on loses a picture, and the one that has ended is suspect.
     let anew = ledger.quarantine("liar", "w1", "it lies").expect("quarantined");
     assert_eq!(anew, [("b1".into(), 0)]);
@@ -209,7 +210,7 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
     assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);
     let suspects = |id: &str| ledger.checks(id).expect("checks").suspects;
     assert_eq!((suspects("a1"), suspects("b1"), suspects("c1")), (vec!["w1".into()], vec![], vec![]));
-    assert_eq!(ledger.known("t", "hash of a").expect("a ledger"), None, "it answers no other request");
+    assert!(ledger.known("t", "hash of a").expect("a ledger").is_none(), "it answers no other request");
     let last = ledger.events(EventsOf::Job("a1"), 0, 99).expect("events").pop().expect("one");
     assert_eq!((&*last.kind, last.data.contains("w1")), ("suspect", true));
     assert_eq!(ledger.quarantined().expect("one"), [("liar".into(), "w1".into(), "it lies".into())]);
@@ -283,4 +284,30 @@ fn what_there_was_before_tenants_is_the_first_tokens() {
         assert_eq!(ledger.accept(again, 9).expect("accepted"), accepted, "{tenant}");
     }
     assert_eq!(ledger.jobs(None, None, None, 9).expect("jobs").len(), 2, "all");
+}
+
+#[test]
+fn equal_requests_share_a_job_until_it_is_of_no_use() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    let accept = |id: &str, tenant: &str, shared_after| {
+        ledger.accept(NewJob { tenant: tenant.into(), shared_after, ..new(id, None) }, 9).expect("accepted")
+    };
+    let shared = Accepted::Shared("a1".into());
+    assert_eq!(accept("a1", "t", Some(0)), Accepted::New);
+    assert_eq!(accept("a2", "t", Some(0)), shared);
+    assert_eq!(accept("a3", "t", None), Accepted::New, "it is to be rendered anew");
+    assert_eq!(accept("a4", "u", Some(0)), Accepted::New, "it is another tenant's");
+    ledger.set_state("a3", &[JobState::Queued], JobState::Cancelled, None).expect("a ledger");
+    ledger.set_state("a1", &[JobState::Queued], JobState::Done, None).expect("a ledger");
+    assert_eq!(accept("a5", "t", Some(0)), shared, "it has ended meanwhile");
+    let seq = ledger.job("a1").expect("a ledger").expect("the job").seq;
+    assert_eq!(accept("a6", "t", Some(seq)), Accepted::New, "its pictures are gone");
+    assert_eq!(accept("a7", "t", Some(seq)), Accepted::Shared("a6".into()));
+    for state in [JobState::Failed, JobState::Cancelled, JobState::Paused] {
+        ledger.set_state("a6", &JobState::ALL, state, None).expect("a ledger");
+        let id = format!("a8{state}");
+        assert_eq!(accept(&id, "t", Some(seq)), Accepted::New, "{state}");
+        ledger.set_state(&id, &[JobState::Queued], JobState::Cancelled, None).expect("a ledger");
+    }
 }

@@ -78,15 +78,14 @@ fn accept(
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
     // Whoever is to be called is called for a job of its own.
-    if is_function
-        && !is_fresh
-        && idempotency_key.is_none()
-        && request.webhook.is_none()
-        && let Some(id) = state.ledger().known(caller.tenant(), &request_hash)?
-        && has_pictures(state, &id)?
-    {
-        metrics::counter!("raystream_known_requests_total").increment(1);
-        return answer(state, caller, &id, StatusCode::OK);
+    let may_share = is_function && !is_fresh && idempotency_key.is_none() && request.webhook.is_none();
+    let mut shared_after = may_share.then_some(0);
+    if may_share && let Some(job) = state.ledger().known(caller.tenant(), &request_hash)? {
+        if has_pictures(state, &job.id)? {
+            metrics::counter!("raystream_known_requests_total").increment(1);
+            return answer(state, caller, &job.id, StatusCode::OK);
+        }
+        shared_after = Some(job.seq);
     }
     let mut random = [0; 8];
     getrandom::fill(&mut random).map_err(|error| {
@@ -98,6 +97,7 @@ fn accept(
         tenant: caller.tenant().to_owned(),
         has_webhook: request.webhook.is_some(),
         quotas: caller.quotas(),
+        shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
         request_hash,
         demand,
@@ -111,6 +111,11 @@ fn accept(
             state.runner().wake();
             answer(state, caller, &id, StatusCode::ACCEPTED)
         }
+        Accepted::Shared(id) => {
+            metrics::counter!("raystream_known_requests_total").increment(1);
+            hasten(state, caller, &id, priority)?;
+            answer(state, caller, &id, StatusCode::OK)
+        }
         Accepted::Earlier(id, true) => answer(state, caller, &id, StatusCode::OK),
         Accepted::Earlier(id, false) => Err(Problem::new(
             StatusCode::CONFLICT,
@@ -122,6 +127,15 @@ fn accept(
             Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))
         }
     }
+}
+
+/// Makes a job that several requests share as urgent as the most urgent of them.
+fn hasten(state: &State, caller: &Caller, id: &str, wanted: Priority) -> Result<(), Problem> {
+    if wanted < caller.job(state, id)?.priority {
+        state.ledger().set_priority(id, wanted)?;
+        state.runner().set_priority(id, wanted);
+    }
+    Ok(())
 }
 
 /// True if a text is an address that can be called.

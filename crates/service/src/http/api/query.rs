@@ -70,11 +70,14 @@ fn rays(bytes: &[u8]) -> Result<Arc<[Ray]>, String> {
     };
     let npy = npyz::NpyFile::new(bytes).map_err(|error| wanted(&error))?;
     let shape = npy.shape().to_vec();
-    let (&[_, 8], npyz::Order::C) = (&shape[..], npy.order()) else {
+    let (&[count, 8], npyz::Order::C) = (&shape[..], npy.order()) else {
         return Err(wanted(&format!("its shape is {shape:?}")));
     };
     let values: Vec<f32> = npy.into_vec().map_err(|error| wanted(&error))?;
     let (rays, _) = values.as_chunks::<8>();
+    if rays.len() as u64 != count {
+        return Err(wanted(&format!("its shape has {count} rays, and its data {}", rays.len())));
+    }
     Ok(rays.iter().map(|ray| bytemuck::cast(*ray)).collect())
 }
 
