@@ -2,7 +2,7 @@
 
 use super::state::State;
 use crate::contract::Problem;
-use crate::coordinator::ledger::{Charge, Exceeded, Job, Quotas, Role, Token};
+use crate::coordinator::ledger::{Charge, Exceeded, Job, JobFilter, Quotas, Role, Token};
 use axum::extract::FromRequestParts;
 use axum::http::StatusCode;
 use axum::http::request::Parts;
@@ -26,6 +26,11 @@ impl Caller {
     /// The tenant whose jobs and scenes the caller may see; `None` for all.
     pub fn scope(&self) -> Option<&str> {
         (self.role() < Role::Admin).then(|| self.tenant())
+    }
+
+    /// All jobs that the caller may see.
+    pub fn filter(&self) -> JobFilter {
+        JobFilter { tenant: self.scope().map(str::to_owned), ..JobFilter::default() }
     }
 
     /// The job of a name, if the caller may see it.

@@ -36,7 +36,15 @@ fn open() -> [Route; 5] {
 fn of_jobs() -> [Route; 12] {
     [
         Route::get("/api/v1/jobs", "Jobs, the latest first; `cursor` leads to the next page", jobs::list)
-            .query(&[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)]),
+            .query(&[
+                ("state", "state", false),
+                ("text", "string", false),
+                ("label", "string", false),
+                ("since_ms", "integer", false),
+                ("until_ms", "integer", false),
+                ("cursor", "integer", false),
+                ("limit", "integer", false),
+            ]),
         Route::post(
             "/api/v1/jobs",
             "Submit a job: 202, or 200 if one with the same request has ended or is under way",

@@ -1,6 +1,6 @@
 //! Jobs, their states and events.
 
-use super::rows::{Event, EventsOf, Job, JobState, NewJob, Totals};
+use super::rows::{Event, EventsOf, Job, JobFilter, JobState, NewJob, Totals};
 use super::usage::{Charge, Exceeded, charge_all};
 use super::{Ledger, LedgerError, now_ms};
 use raystream::schedule::Priority;
@@ -59,8 +59,8 @@ impl Ledger {
             }
             let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
             transaction.execute(
-                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, tenant, created_ms) \
-                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, tenant, created_ms, \
+                 title, labels) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
                 params![
                     new.id,
                     new.request,
@@ -69,7 +69,9 @@ impl Ledger {
                     new.scene,
                     new.priority.name(),
                     new.tenant,
-                    now_ms()
+                    now_ms(),
+                    new.title,
+                    json!(new.labels).to_string()
                 ],
             )?;
             if let Some(key) = &new.idempotency_key {
@@ -109,26 +111,30 @@ impl Ledger {
         self.read(|connection| find(connection, id))
     }
 
-    /// Jobs of a tenant, or of all, in the order of arrival, the latest first, before a place in that order.
+    /// Jobs in the order of arrival, the latest first, before a place in that order.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn jobs(
         &self,
-        tenant: Option<&str>,
-        state: Option<JobState>,
+        filter: &JobFilter,
         before: Option<i64>,
         most: usize,
     ) -> Result<Vec<Job>, LedgerError> {
+        let JobFilter { tenant, state, text, label, since_ms, until_ms } = filter;
         self.read(|connection| {
             let whose = if tenant.is_some() { "tenant = ?4" } else { "?4 IS NULL" };
             let mut select = connection.prepare_cached(&format!(
                 "SELECT {} FROM job WHERE {whose} AND seq < ?1 AND (?2 IS NULL OR state = ?2) \
+                 AND (?5 IS NULL OR instr(lower(title || char(10) || id || char(10) || labels), lower(?5)) > 0) \
+                 AND (?6 IS NULL OR EXISTS (SELECT 1 FROM json_each(labels) WHERE value = ?6)) \
+                 AND (?7 IS NULL OR created_ms >= ?7) AND (?8 IS NULL OR created_ms < ?8) \
                  ORDER BY seq DESC LIMIT ?3",
                 Job::COLUMNS
             ))?;
             let before = before.unwrap_or(i64::MAX);
-            let asked = params![before, state.map(JobState::name), most as i64, tenant];
+            let state = state.map(JobState::name);
+            let asked = params![before, state, most as i64, tenant, text, label, since_ms, until_ms];
             let rows = select.query_map(asked, Job::of)?;
             rows.collect()
         })

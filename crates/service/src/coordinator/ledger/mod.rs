@@ -13,8 +13,8 @@ mod usage;
 
 pub use jobs::Accepted;
 pub use rows::{
-    Checks, Event, EventsOf, FrameRow, Job, JobState, NewJob, Pending, Rendering, Totals, UnitRow, UnitState,
-    priority,
+    Checks, Event, EventsOf, FrameRow, Job, JobFilter, JobState, NewJob, Pending, Rendering, Totals, UnitRow,
+    UnitState, priority,
 };
 pub use tokens::{Role, Token};
 pub use usage::{Charge, Exceeded, Quotas, Usage};

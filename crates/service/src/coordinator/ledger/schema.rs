@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 6] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS];
+const MIGRATIONS: [&str; 7] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -208,6 +208,13 @@ const QUOTAS: &str = "
     ) WITHOUT ROWID;
     DROP INDEX job_state;
     CREATE INDEX job_state ON job (state, tenant);
+";
+
+/// Jobs have titles, labels, and the time at which they began.
+const TITLES: &str = "
+    ALTER TABLE job ADD COLUMN title TEXT NOT NULL DEFAULT '';
+    ALTER TABLE job ADD COLUMN labels TEXT NOT NULL DEFAULT '[]';
+    ALTER TABLE job ADD COLUMN began_ms INTEGER;
 ";
 
 /// The version of the tables that are there; 0 if there are none.

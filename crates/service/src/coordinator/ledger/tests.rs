@@ -15,6 +15,8 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         priority: Priority::Normal,
         idempotency_key: key.map(str::to_owned),
         has_webhook: false,
+        title: String::new(),
+        labels: vec![],
         quotas: Quotas::default(),
         shared_after: None,
     }
@@ -274,8 +276,9 @@ fn what_there_was_before_tenants_is_the_first_tokens() {
         .expect("rows");
     drop(connection);
     let ledger = Ledger::open(folder.path()).expect("it is brought up to date");
+    let of = |tenant: &str| JobFilter { tenant: Some(tenant.into()), ..JobFilter::default() };
     for (tenant, count) in [("admin", 1), ("other", 0)] {
-        assert_eq!(ledger.jobs(Some(tenant), None, None, 9).expect("jobs").len(), count, "{tenant}");
+        assert_eq!(ledger.jobs(&of(tenant), None, 9).expect("jobs").len(), count, "{tenant}");
         assert_eq!(ledger.events(EventsOf::Tenant(tenant), 0, 9).expect("events").len(), count, "{tenant}");
         assert_eq!(ledger.known(tenant, "h").expect("a ledger").is_some(), count > 0, "{tenant}");
         assert_eq!(ledger.scene_of(Some(tenant), "s").expect("a ledger").is_some(), count > 0, "{tenant}");
@@ -283,7 +286,7 @@ fn what_there_was_before_tenants_is_the_first_tokens() {
         let accepted = if count > 0 { Accepted::Earlier("a1".into(), true) } else { Accepted::New };
         assert_eq!(ledger.accept(again, 9).expect("accepted"), accepted, "{tenant}");
     }
-    assert_eq!(ledger.jobs(None, None, None, 9).expect("jobs").len(), 2, "all");
+    assert_eq!(ledger.jobs(&JobFilter::default(), None, 9).expect("jobs").len(), 2, "all");
 }
 
 #[test]

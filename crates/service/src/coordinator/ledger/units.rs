@@ -19,9 +19,9 @@ impl Ledger {
     pub fn plan(&self, job: &str, frames: Vec<FrameId>, block_samples: u64) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let plan = "UPDATE job SET planned = 1, state = 'running', block_samples = ?2 \
-                WHERE id = ?1 AND planned = 0 AND state IN ('queued', 'running')";
-            if transaction.execute(plan, params![job, block_samples as i64])? == 0 {
+            let plan = "UPDATE job SET planned = 1, state = 'running', block_samples = ?2, \
+                began_ms = coalesce(began_ms, ?3) WHERE id = ?1 AND planned = 0 AND state IN ('queued', 'running')";
+            if transaction.execute(plan, params![job, block_samples as i64, now_ms()])? == 0 {
                 return Ok(());
             }
             charge_frames(transaction, &job, frames.len() as u64)?;

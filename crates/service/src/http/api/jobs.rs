@@ -3,7 +3,7 @@
 use super::{body, scenes};
 use crate::backend::JobCost;
 use crate::contract::{Problem, hex};
-use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
+use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals};
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
 use crate::http::caller::{Caller, over_quota};
@@ -16,10 +16,14 @@ use axum::response::{IntoResponse, Response};
 use raystream::schedule::Priority;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Jobs of a list, unless a number is asked for, and at most.
 const LISTED: usize = 50;
 const MOST_LISTED: usize = 500;
+
+/// The share of a job from which the time that is left is told.
+const LEAST_PROGRESS: f64 = 0.01;
 
 /// The most bytes of an idempotency key.
 const MOST_KEY_BYTES: usize = 200;
@@ -53,6 +57,7 @@ fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Pr
     known.ok_or_else(|| {
         Problem::unprocessable("scene: it has not been uploaded; PUT it to /api/v1/scenes/{sha256}")
     })?;
+    request.check_words()?;
     let priority = request.priority()?;
     if let Some(hook) = &request.webhook
         && !is_web_address(&hook.url)
@@ -99,6 +104,8 @@ fn accept(
         quotas: caller.quotas(),
         shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
+        title: request.title.unwrap_or_default(),
+        labels: request.labels,
         request_hash,
         demand,
         scene: request.scene,
@@ -182,12 +189,16 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
     let Checks { compared, keys, suspects } = checks;
     let compared_share = compared as f64 / units_done.max(1) as f64;
     let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
+    let title = request.as_ref().and_then(|request| request.title.clone());
+    let labels = request.as_ref().map(|request| request.labels.clone()).unwrap_or_default();
     Ok(json!({
         "id": job.id, "tenant": job.tenant, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
+        "title": title, "labels": labels,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
         "spec": request.map(|request| request.spec),
         "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
-        "created_ms": job.created_ms, "ended_ms": job.ended_ms, "error": job.error, "progress": progress,
+        "created_ms": job.created_ms, "began_ms": job.began_ms, "ended_ms": job.ended_ms,
+        "left_s": left_s(job, progress), "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
         "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
         "suspects": suspects,
@@ -201,11 +212,23 @@ fn answer(state: &State, caller: &Caller, id: &str, status: StatusCode) -> Resul
     Ok((status, [(header::LOCATION, location)], body).into_response())
 }
 
-/// The query of a list of jobs: their state, and the page.
+/// Seconds until a job that runs has ended, if it goes on as it has so far.
+fn left_s(job: &Job, progress: f64) -> Option<u64> {
+    let began_ms = job.began_ms.filter(|_| job.state == JobState::Running && progress >= LEAST_PROGRESS)?;
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?.as_millis() as f64;
+    let seconds = (now - began_ms as f64).max(0.0) / 1000.0;
+    Some((seconds * (1.0 - progress) / progress).ceil() as u64)
+}
+
+/// The query of a list of jobs: which, and the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ListQuery {
     state: Option<String>,
+    text: Option<String>,
+    label: Option<String>,
+    since_ms: Option<i64>,
+    until_ms: Option<i64>,
     cursor: Option<i64>,
     limit: Option<usize>,
 }
@@ -216,14 +239,15 @@ pub async fn list(
     caller: Caller,
     query: Result<Query<ListQuery>, axum::extract::rejection::QueryRejection>,
 ) -> Result<Json<Value>, Problem> {
-    let Query(ListQuery { state: wanted, cursor, limit }) =
+    let Query(ListQuery { state: wanted, text, label, since_ms, until_ms, cursor, limit }) =
         query.map_err(|error| Problem::malformed(error.body_text()))?;
     let wanted: Option<JobState> =
         wanted.map(|name| name.parse()).transpose().map_err(Problem::unprocessable)?;
+    let filter = JobFilter { state: wanted, text, label, since_ms, until_ms, ..caller.filter() };
     let most = limit.unwrap_or(LISTED).clamp(1, MOST_LISTED);
     state
         .blocking(move |state| {
-            let jobs = state.ledger().jobs(caller.scope(), wanted, cursor, most)?;
+            let jobs = state.ledger().jobs(&filter, cursor, most)?;
             let next = (jobs.len() == most).then(|| jobs.last().map(|job| job.seq)).flatten();
             let jobs = jobs.iter().map(|job| shown(state, job)).collect::<Result<Vec<_>, _>>()?;
             Ok(Json(json!({ "jobs": jobs, "cursor": next })))

@@ -53,6 +53,8 @@ pub async fn query(
             let request = JobRequest {
                 scene,
                 entry: query.entry,
+                title: None,
+                labels: vec![],
                 spec: RenderSpec::default(),
                 priority: None,
                 webhook: None,

@@ -212,6 +212,7 @@ mod tests {
     fn job() -> Job {
         Job {
             tenant: "t".into(),
+            began_ms: None,
             seq: 1,
             id: "a1".into(),
             state: JobState::Done,

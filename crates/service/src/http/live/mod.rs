@@ -63,7 +63,7 @@ fn view_scene(state: &State, caller: &Caller, scene: Option<String>) -> Result<V
         Some(scene) => Some(scene),
         None if caller.scope().is_none() && state.own_scene().is_some() => None,
         None => {
-            let newest = state.ledger().jobs(caller.scope(), None, None, 1)?;
+            let newest = state.ledger().jobs(&caller.filter(), None, 1)?;
             let nothing = || Problem::missing("scene to show yet; drop one on the page of jobs");
             Some(newest.into_iter().next().ok_or_else(nothing)?.scene)
         }
