@@ -15,6 +15,8 @@ pub enum ServiceCommand {
     Worker(LeftOutArgs),
     /// Left out of this build: sets up a farm, or predicts what it takes.
     Farm(LeftOutArgs),
+    /// Left out of this build: makes, lists and ends the tokens of a service.
+    Token(LeftOutArgs),
     /// Left out of this build: sends a scene and a job to a service.
     Submit(LeftOutArgs),
     /// Left out of this build: lists the jobs of a service.

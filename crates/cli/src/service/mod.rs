@@ -4,6 +4,7 @@ mod args;
 mod bench_live;
 mod farm;
 mod serve;
+mod token;
 
 pub use bench_live::run as bench_live;
 
@@ -11,7 +12,7 @@ use crate::Outcome;
 use anyhow::Result;
 use args::{
     CancelArgs, CheckSceneArgs, FarmCommand, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
-    ViewArgs, WorkerArgs,
+    TokenCommand, ViewArgs, WorkerArgs,
 };
 use clap::Subcommand;
 use raystream::picture::Registry;
@@ -26,6 +27,9 @@ pub enum ServiceCommand {
     /// Set up a farm, or predict what it takes.
     #[command(subcommand)]
     Farm(FarmCommand),
+    /// Make, list and end the tokens of a service.
+    #[command(subcommand)]
+    Token(TokenCommand),
     /// Send a scene and a job to a service.
     Submit(SubmitArgs),
     /// List the jobs of a service.
@@ -53,6 +57,7 @@ impl ServiceCommand {
             Self::Serve(args) => serve::run(args, registry),
             Self::Worker(args) => farm::work(args, registry),
             Self::Farm(command) => farm::run(command),
+            Self::Token(command) => token::run(command),
             Self::Submit(args) => serve::submit(args, &registry),
             Self::Jobs(args) => serve::jobs(args),
             Self::Fetch(args) => serve::fetch(args),

@@ -100,7 +100,7 @@ fn secrets(farm: &Farm, service: &Service, data: &std::path::Path) -> Vec<String
     let read = |path: std::path::PathBuf| std::fs::read_to_string(path).expect("a file").trim().to_owned();
     vec![
         service.token.clone(),
-        read(data.join("token.sha256")),
+        read(data.join("sessions.key")),
         read(data.join("leases.key")),
         read(farm.of("coordinator").join("nats.key")),
         "ledger.sqlite".into(),

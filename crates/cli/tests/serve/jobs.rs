@@ -96,6 +96,91 @@ fn jobs_are_steered_and_followed() {
     assert_ne!(page["jobs"][0]["id"], next["jobs"][0]["id"]);
 }
 
+#[test]
+fn equal_requests_that_are_under_way_share_one_job() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let request = json!({ "scene": scene, "size": "64x48", "spp": 4000, "priority": "background" });
+    let submit = || service.post("/api/v1/jobs", &request);
+    let answers: Vec<_> = std::thread::scope(|scope| {
+        let clients: Vec<_> = (0..20).map(|_| scope.spawn(submit)).collect();
+        clients.into_iter().map(|client| client.join().expect("a client")).collect()
+    });
+    let id = answers[0].json()["id"].clone();
+    assert!(answers.iter().all(|answer| answer.json()["id"] == id));
+    assert_eq!(answers.iter().filter(|answer| answer.status == 202).count(), 1, "one of them is the first");
+    let urgent = json!({ "scene": scene, "size": "64x48", "spp": 4000, "priority": "interactive" });
+    let answer = service.post("/api/v1/jobs", &urgent).json();
+    assert_eq!((&answer["id"], &answer["priority"]), (&id, &json!("interactive")), "the most urgent counts");
+    for headers in [("Cache-Control", "no-cache"), ("Idempotency-Key", "own")] {
+        let headers = [("Content-Type", "application/json"), headers];
+        let answer = service.send("POST", "/api/v1/jobs", &headers, request.to_string().into_bytes());
+        assert!(answer.status == 202 && answer.json()["id"] != id, "{}", answer.json());
+    }
+    let jobs = service.get("/api/v1/jobs").json()["jobs"].as_array().expect("jobs").len();
+    assert_eq!(jobs, 3);
+}
+
+#[test]
+fn jobs_have_titles_labels_and_times_and_are_found_by_them() {
+    let data = folder();
+    let service = Service::start(data.path(), &[]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let submit = |seed: u32, title: Value, labels: Value| {
+        let spec = json!({ "size": "8x8", "spp": 1, "seed": seed, "title": title, "labels": labels });
+        service.submit(&scene, &spec)
+    };
+    let red = submit(1, json!("Red chair"), json!(["chairs", "Q3 catalogue"]));
+    let blue = submit(2, json!("Blue chair, 50 %"), json!(["chairs"]));
+    let none = submit(3, Value::Null, Value::Null);
+    for id in [&red, &blue, &none] {
+        service.hashes(id);
+    }
+    let found = |query: &str| -> Vec<String> {
+        let list = service.get(&format!("/api/v1/jobs?{query}")).json();
+        let jobs = list["jobs"].as_array().expect("jobs").iter();
+        jobs.map(|job| job["id"].as_str().expect("an id").to_owned()).collect()
+    };
+    assert_eq!(found("text=CHAIR"), [blue.clone(), red.clone()]);
+    assert_eq!(found("text=q3%20cat"), [red.clone()]);
+    assert_eq!(found("text=50%20%25"), [blue.clone()], "no letter stands for others");
+    assert_eq!(found("label=chairs&limit=1"), [blue.clone()]);
+    assert!(found("label=chair").is_empty() && found("text=chair&state=failed").is_empty());
+    assert_eq!(found(&format!("text={}", &none[2..])), [none.clone()]);
+    let job = service.job(&red);
+    let times = ["created_ms", "began_ms", "ended_ms"].map(|name| job[name].as_i64().expect("a time"));
+    assert!(times.is_sorted(), "{job}");
+    assert_eq!(
+        (&job["title"], &job["labels"][1], &job["left_s"]),
+        (&json!("Red chair"), &json!("Q3 catalogue"), &Value::Null)
+    );
+    assert!(found(&format!("until_ms={}", times[0])).is_empty());
+    assert_eq!(found(&format!("since_ms={}", times[0])).len(), 3);
+    let long = service.submit(&scene, &json!({ "size": "64x48", "spp": 20000 }));
+    let began = Instant::now();
+    loop {
+        let job = service.job(&long);
+        if job["left_s"].as_u64().is_some_and(|left| left < 3600) {
+            break;
+        }
+        assert!(began.elapsed() < PATIENCE && job["state"] != "done", "{job}");
+        std::thread::sleep(Duration::from_millis(30));
+    }
+    for (member, value) in [
+        ("title", json!("")),
+        ("title", json!("a\nb")),
+        ("labels", json!([""])),
+        ("labels", json!(vec!["x"; 21])),
+        ("labels", json!("x")),
+        ("title", json!("x".repeat(201))),
+    ] {
+        let answer = service.post("/api/v1/jobs", &json!({ "scene": scene, member: value }));
+        let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
+        assert!(answer.status == 422 && detail.starts_with(member), "{value}: {detail}");
+    }
+}
+
 /// The numbers and kinds of a job's events up to one of a kind.
 fn events(service: &Service, id: &str, after: Option<&str>, last: &str) -> Vec<(String, String)> {
     let address = service.url.strip_prefix("http://").expect("an address");
@@ -192,6 +277,11 @@ fn rays_are_answered_with_hits() {
         .expect("numbers");
     assert!((t[0] - 4.0).abs() < 0.2 && t.len() == 2, "{t:?}");
     assert_eq!(service.send("POST", &path, &[], npy[..100].to_vec()).status, 422);
+    let mut huge = npy.clone();
+    let many = "'shape': (2305843009213693952, 8), }";
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, {many}");
+    huge.splice(10..128, format!("{text:<117}\n").bytes());
+    assert_eq!(service.send("POST", &path, &[], huge).status, 422, "more rays than there are");
     assert_eq!(service.send("POST", &format!("{path}&any_hit=true"), &[], npy).status, 200);
 }
 

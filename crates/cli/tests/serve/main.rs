@@ -5,9 +5,12 @@ mod drake;
 mod jobs;
 mod kills;
 mod loaded;
+mod quotas;
 mod refusals;
 mod service;
+mod tenants;
 mod tls;
+mod tokens;
 #[path = "../cli/viewer.rs"]
 mod viewer;
 

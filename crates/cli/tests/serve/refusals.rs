@@ -97,6 +97,9 @@ fn what_is_wrong_with_a_request_is_named() {
         (json!({ "surface": ["a=../x.wgsl"] }), "does not lie in the pack"),
         (json!({ "clamp-indirect": 1, "integrator": "whitted" }), "clamp-indirect"),
         (json!({ "integrator": "none" }), "none"),
+        (json!({ "orthographic": -1 }), "height"),
+        (json!({ "fov": "NaN" }), "NaN"),
+        (json!({ "fov": 181 }), "181"),
     ] {
         let answer = service.post("/api/v1/jobs", &json!({ "scene": scene, "options": options }));
         let body = answer.json();

@@ -82,8 +82,17 @@ impl Service {
         Self::run(&["serve"], data, options)
     }
 
+    /// Starts a service whose first token is not in its folder, and waits until it listens.
+    pub fn start_with_token(data: &Path, token: &str) -> Self {
+        Self::launch(&["serve"], data, &[], Some(token)).expect("the service listens")
+    }
+
     /// The same for another command that is a service.
     pub fn run(command: &[&str], data: &Path, options: &[&str]) -> Option<Self> {
+        Self::launch(command, data, options, None)
+    }
+
+    fn launch(command: &[&str], data: &Path, options: &[&str], token: Option<&str>) -> Option<Self> {
         // A file that cannot grow is an error then, not a signal.
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])
@@ -101,7 +110,10 @@ impl Service {
             child.wait().expect("it ended");
             return None;
         }
-        let (url, token) = line.trim().split_once("/#token=").expect("an address with the token");
+        let (url, token) = match token {
+            Some(token) => (line.trim().trim_end_matches('/'), token),
+            None => line.trim().split_once("/#token=").expect("an address with the token"),
+        };
         let config = Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE));
         let agent = config.build().new_agent();
         Some(Self { child, url: url.into(), token: token.into(), agent })

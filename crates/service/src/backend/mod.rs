@@ -16,13 +16,14 @@ pub use scene_reader::SceneReader;
 
 use crate::contract::inside;
 use anyhow::{Context, Result, bail, ensure};
+use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::MemoryBudget;
 use raystream::picture::{
     CheckedSpec, Registry, RenderSpec, SceneSpec, SpecError, afford, scene_file, with_causes,
 };
-use raystream::scene::Scene;
+use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};
 use std::io::Read;
 use std::path::Path;
@@ -118,6 +119,7 @@ impl RenderBackend {
     /// # Errors
     /// What is wrong with an option.
     pub fn check(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<JobCost, String> {
+        check_camera(spec).map_err(|error| error.to_string())?;
         let checked = self.checked(spec, scene, folder);
         checked.map(|checked| JobCost::of(checked.spec())).map_err(|error| with_causes(&error))
     }
@@ -204,6 +206,15 @@ impl RenderBackend {
     pub fn forget(&self, folder: &Path) {
         self.cache.forget(&format!("{}/", folder.display()));
     }
+}
+
+/// Refuses a field of view and a height that no camera can have, whatever the scene.
+fn check_camera(spec: &RenderSpec) -> Result<(), CameraError> {
+    let camera = Camera::new(Vec3::Z, Vec3::ZERO);
+    let camera = spec.camera.fov.map_or(camera, |fov| camera.with_fov(fov));
+    let projection = spec.optics.orthographic.map(|height| Projection::Orthographic { height });
+    let camera = projection.map_or(camera, |projection| camera.with_projection(projection));
+    camera.lens(spec.size.0, spec.size.1).map(drop)
 }
 
 /// Refuses options that say how files of the command line are split, named or laid out.

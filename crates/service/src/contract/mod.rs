@@ -29,7 +29,7 @@ pub use messages::{
 pub use names::{TEXT_BYTES, entry_name, inside, is_name, is_sha256, sentence};
 pub use pack::{Pack, ScenePack};
 pub use pose::{Lens, Pose};
-pub use private_file::write_private;
+pub use private_file::{private_key, write_private};
 pub use problem::Problem;
 pub use scene_folder::{entry_in, refused};
 pub use tiles::{LiveAnswer, LiveAsk, LiveReply, LiveScene, ShaderTexts, Tile, TileAsk, TileServer};

@@ -1,7 +1,8 @@
 //! Files of secrets.
 
+use super::{from_hex, random_hex};
 use std::fs::OpenOptions;
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
 /// Writes a file that its owner alone may read.
@@ -13,4 +14,19 @@ pub fn write_private(path: &Path, text: &str) -> io::Result<()> {
     let mut file = options.open(path)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()
+}
+
+/// The key in a file, 256 bits in hexadecimal digits. It is drawn if there is no such file.
+pub fn private_key(path: &Path) -> io::Result<[u8; 32]> {
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let text = random_hex()?;
+            write_private(path, &text)?;
+            text
+        }
+        Err(error) => return Err(error),
+    };
+    let wrong = || io::Error::other(format!("{}: no key; remove it to get a new one", path.display()));
+    from_hex(text.trim()).ok_or_else(wrong)
 }

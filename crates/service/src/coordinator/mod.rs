@@ -11,6 +11,7 @@
 //! workers are threads of this process, and everything else is the same.
 
 mod answers;
+mod data_folder;
 pub mod decisions;
 mod files;
 mod frame;
@@ -28,6 +29,7 @@ mod trouble;
 mod verdicts;
 mod workers;
 
+pub use data_folder::{DataFolder, FolderError};
 pub use own_scene::{KeptScene, OwnScene};
 pub use request::{JobRequest, parse_priority};
 pub use secret::{Secret, hmac};

@@ -11,6 +11,11 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 
+/// The most characters of a title, labels of a job, and characters of a label.
+const MOST_TITLE: usize = 200;
+const MOST_LABELS: usize = 20;
+const MOST_LABEL: usize = 64;
+
 /// A request for a job: a render spec whose scene is the SHA-256 of an upload, with what the service alone wants to
 /// know.
 #[derive(Clone, Debug)]
@@ -19,6 +24,10 @@ pub struct JobRequest {
     pub scene: String,
     /// The scene file in a pack, if there are several.
     pub entry: Option<String>,
+    /// What people call the job.
+    pub title: Option<String>,
+    /// Words by which it is found.
+    pub labels: Vec<String>,
     /// The picture, without the scene.
     pub spec: RenderSpec,
     /// `interactive`, `normal` or `background`.
@@ -29,10 +38,12 @@ pub struct JobRequest {
 
 impl Serialize for JobRequest {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Self { scene, entry, spec, priority, webhook } = self;
+        let Self { scene, entry, title, labels, spec, priority, webhook } = self;
         let own = [
             ("scene", Some(json!(scene))),
             ("entry", entry.as_ref().map(|entry| json!(entry))),
+            ("title", title.as_ref().map(|title| json!(title))),
+            ("labels", (!labels.is_empty()).then(|| json!(labels))),
             ("priority", priority.as_ref().map(|priority| json!(priority))),
             ("webhook", webhook.as_ref().map(|webhook| json!(webhook))),
         ];
@@ -47,6 +58,7 @@ impl<'de> Deserialize<'de> for JobRequest {
         let mut all = Map::deserialize(deserializer)?;
         let scene: Option<String> = of_key(&mut all, "scene")?;
         let entry = of_key(&mut all, "entry")?;
+        let (title, labels) = (of_key(&mut all, "title")?, of_key(&mut all, "labels")?.unwrap_or_default());
         let (priority, webhook) = (of_key(&mut all, "priority")?, of_key(&mut all, "webhook")?);
         if let Some(options) = of_key::<Map<String, Value>, _>(&mut all, "options")? {
             if let Some(key) = options.keys().find(|key| all.contains_key(*key)) {
@@ -56,7 +68,7 @@ impl<'de> Deserialize<'de> for JobRequest {
         }
         let spec = RenderSpec::of(&all).map_err(D::Error::custom)?;
         let scene = scene.ok_or_else(|| D::Error::missing_field("scene"))?;
-        Ok(Self { scene, entry, spec, priority, webhook })
+        Ok(Self { scene, entry, title, labels, spec, priority, webhook })
     }
 }
 
@@ -83,6 +95,25 @@ impl JobRequest {
     /// 422 if the name is none of a priority.
     pub fn priority(&self) -> Result<Priority, Problem> {
         self.priority.as_deref().map_or(Ok(Priority::Normal), parse_priority)
+    }
+
+    /// Checks title and labels, which stand in lists.
+    ///
+    /// # Errors
+    /// 422 if one of them is empty, too long or has control characters, or there are too many.
+    pub fn check_words(&self) -> Result<(), Problem> {
+        let is_word = |text: &str, most: usize| {
+            (1..=most).contains(&text.chars().count()) && !text.chars().any(char::is_control)
+        };
+        if self.title.as_deref().is_some_and(|title| !is_word(title, MOST_TITLE)) {
+            let detail = format!("title: write 1 to {MOST_TITLE} characters on one line");
+            return Err(Problem::unprocessable(detail));
+        }
+        if self.labels.len() > MOST_LABELS || !self.labels.iter().all(|label| is_word(label, MOST_LABEL)) {
+            let detail = format!("labels: write at most {MOST_LABELS} of 1 to {MOST_LABEL} characters each");
+            return Err(Problem::unprocessable(detail));
+        }
+        Ok(())
     }
 
     /// The SHA-256 of all that the pictures depend on.

@@ -1,9 +1,9 @@
 //! The key of leases and draws.
 
-use crate::contract::{from_hex, hex, random_hex, write_private};
+use crate::contract::{hex, private_key};
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
-use std::io::{self, ErrorKind};
+use std::io;
 use std::path::Path;
 use subtle::ConstantTimeEq;
 
@@ -30,18 +30,7 @@ impl Secret {
     /// # Errors
     /// If the file cannot be read or written, or holds something else.
     pub fn open(data: &Path) -> io::Result<Self> {
-        let path = data.join(SECRET_FILE);
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                let text = random_hex()?;
-                write_private(&path, &text)?;
-                text
-            }
-            Err(error) => return Err(error),
-        };
-        let wrong = || io::Error::other(format!("{}: no key; remove it to get a new one", path.display()));
-        from_hex(text.trim()).map(Self).ok_or_else(wrong)
+        private_key(&data.join(SECRET_FILE)).map(Self)
     }
 
     /// The token that shows that the worker of a key was given a unit.

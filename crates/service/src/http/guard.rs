@@ -1,6 +1,8 @@
 //! What each request passes first: the host and origin that it names, and the token or cookie that it shows.
 
-use super::auth::COOKIE;
+use super::auth::{COOKIE, Refused, refusal, unauthorised};
+use super::caller::Caller;
+use super::route::Access;
 use super::state::State;
 use crate::contract::Problem;
 use axum::extract::{ConnectInfo, MatchedPath, Request, State as Given};
@@ -40,21 +42,42 @@ pub async fn origin(Given(state): Given<State>, request: Request, next: Next) ->
     response
 }
 
-/// Refuses requests without the token or a cookie that was given for it.
-pub async fn token(Given(state): Given<State>, request: Request, next: Next) -> Response {
-    let checked = check_token(&state, request.method(), request.headers());
-    pass(&state, checked, request, next).await
+/// The means by which a request is let in.
+enum Shown {
+    Token(String),
+    Cookie(String),
+    /// Nothing, which is enough for programs of this machine on some routes.
+    Nothing,
 }
 
-/// Goes on with a request that is allowed, and trusts its connection.
-async fn pass(state: &State, checked: Result<(), Problem>, request: Request, next: Next) -> Response {
-    match checked {
-        Ok(()) => {
+/// Lets in who shows what a route needs, and refuses others. Handlers find the [`Caller`].
+pub async fn admit(
+    Given((state, access)): Given<(State, Access)>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let checked = match shown(&state, access, &request) {
+        Ok(shown) => state.blocking(move |state| caller(state, shown)).await,
+        Err(problem) => Err(problem),
+    };
+    match checked.and_then(|caller| caller.check(access.role()).map(|()| caller)) {
+        Ok(caller) => {
             peer(&request).into_iter().for_each(|peer| state.connections().trust(peer));
+            request.extensions_mut().insert(caller);
             next.run(request).await
         }
         Err(problem) => problem.into_response(),
     }
+}
+
+/// The caller of what was shown.
+fn caller(state: &State, shown: Shown) -> Result<Caller, Problem> {
+    let token = match shown {
+        Shown::Token(text) => state.auth().of_token(&text),
+        Shown::Cookie(session) => state.auth().of_session(&session),
+        Shown::Nothing => return Ok(Caller { token: None }),
+    };
+    Ok(Caller { token: Some(token.map_err(refusal)?) })
 }
 
 /// The other end of the connection.
@@ -65,22 +88,42 @@ fn peer(request: &Request) -> Option<SocketAddr> {
 /// Headers by which proxies say that a request comes from elsewhere.
 const FORWARDED: [&str; 3] = ["forwarded", "x-forwarded-for", "via"];
 
-/// As [`token`], for clients of Drake's: their addresses may hold the token, as in `http://drake:TOKEN@HOST`, and where
-/// the service is started so, programs of this machine need none.
-pub async fn drake(Given(state): Given<State>, request: Request, next: Next) -> Response {
+/// Finds what a request shows. Addresses of Drake's clients may hold the token, as in `http://drake:TOKEN@HOST`, and
+/// where the service is started so, programs of this machine need none.
+fn shown(state: &State, access: Access, request: &Request) -> Result<Shown, Problem> {
     let headers = request.headers();
-    let is_local = peer(&request).is_some_and(|peer| peer.ip().is_loopback())
+    if let Some(given) = text(headers, header::AUTHORIZATION) {
+        let bearer = given.strip_prefix("Bearer ").map(str::to_owned);
+        let basic = || match access {
+            Access::Drake => password(given.strip_prefix("Basic ")?),
+            _ => None,
+        };
+        let token = bearer.or_else(basic).ok_or_else(|| refusal(Refused::Unknown))?;
+        return Ok(Shown::Token(token));
+    }
+    let is_local = peer(request).is_some_and(|peer| peer.ip().is_loopback())
         && !FORWARDED.iter().any(|name| headers.contains_key(*name));
-    let given = text(headers, header::AUTHORIZATION);
-    let is_allowed = match given.and_then(|given| given.strip_prefix("Basic ")) {
-        Some(given) => match password(given) {
-            Some(token) if state.auth().is_token(&token) => Ok(()),
-            _ => Err(refused("the token is wrong")),
-        },
-        None if given.is_none() && is_local && state.is_open_to_drake() => Ok(()),
-        None => check_token(&state, request.method(), headers),
-    };
-    pass(&state, is_allowed, request, next).await
+    if access == Access::Drake && is_local && state.is_open_to_drake() {
+        return Ok(Shown::Nothing);
+    }
+    let session = session(headers).ok_or_else(|| unauthorised("there is no token"))?;
+    // The origin has been compared; programs use the header.
+    let changes = !matches!(*request.method(), Method::GET | Method::HEAD);
+    if changes && text(headers, header::ORIGIN).is_none() {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "a cookie changes nothing without an Origin header; programs send `Authorization: Bearer TOKEN`",
+        ));
+    }
+    Ok(Shown::Cookie(session.to_owned()))
+}
+
+/// The value of the service's cookie.
+pub fn session(headers: &HeaderMap) -> Option<&str> {
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    cookies
+        .flat_map(|cookies| cookies.split(';'))
+        .find_map(|cookie| cookie.trim().strip_prefix(COOKIE)?.strip_prefix('='))
 }
 
 /// The password of HTTP's basic authentication (RFC 7617).
@@ -140,40 +183,4 @@ fn host_name(host: &str) -> &str {
         Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) && !name.is_empty() => name,
         _ => host,
     }
-}
-
-fn check_token(state: &State, method: &Method, headers: &HeaderMap) -> Result<(), Problem> {
-    if let Some(given) = text(headers, header::AUTHORIZATION) {
-        let is_token = given.strip_prefix("Bearer ").is_some_and(|token| state.auth().is_token(token));
-        return if is_token { Ok(()) } else { Err(refused("the token is wrong")) };
-    }
-    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
-    let mut sessions = cookies
-        .flat_map(|cookies| cookies.split(';'))
-        .filter_map(|cookie| cookie.trim().strip_prefix(COOKIE)?.strip_prefix('='));
-    match sessions.next() {
-        Some(session) if state.auth().is_session(session) => {}
-        Some(_) => return Err(refused("the session has expired")),
-        None => return Err(refused("there is no token")),
-    }
-    // The origin has been compared; programs use the header.
-    let changes = !matches!(*method, Method::GET | Method::HEAD);
-    if changes && text(headers, header::ORIGIN).is_none() {
-        return Err(Problem::new(
-            StatusCode::FORBIDDEN,
-            "a cookie changes nothing without an Origin header; programs send `Authorization: Bearer TOKEN`",
-        ));
-    }
-    Ok(())
-}
-
-fn refused(why: &str) -> Problem {
-    metrics::counter!("raystream_refused_tokens_total").increment(1);
-    Problem::new(
-        StatusCode::UNAUTHORIZED,
-        format!(
-            "{why}; programs send `Authorization: Bearer TOKEN`, the page asks for the token. It is in the file \
-             `token` of the data folder"
-        ),
-    )
 }

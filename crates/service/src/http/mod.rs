@@ -2,6 +2,7 @@
 
 mod api;
 mod auth;
+mod caller;
 mod connections;
 mod drake;
 mod guard;
@@ -16,7 +17,8 @@ mod server;
 mod state;
 mod webhook;
 
-pub use auth::TOKEN_FILE;
+pub use auth::{AuthError, TOKEN_FILE};
+pub use caller::Caller;
 pub use openapi::api;
 pub use server::{Options, ServeError, Stop, Tls, run};
 pub use state::State;

@@ -2,7 +2,7 @@
 
 use super::route::{ANY, Access, Body, JSON, Route};
 use super::routes;
-use crate::coordinator::ledger::JobState;
+use crate::coordinator::ledger::{JobState, Role};
 use axum::Json;
 use raystream::picture::RenderSpec;
 use raystream::schedule::Priority;
@@ -49,7 +49,10 @@ fn operation(route: &Route) -> Value {
         .map(|name| json!({ "name": name, "in": "path", "required": true, "schema": { "type": "string" } }))
         .collect();
     for &(name, kind, required) in route.query {
-        let schema = json!({ "type": kind });
+        let schema = match kind {
+            "state" => json!({ "enum": JobState::ALL.map(JobState::name) }),
+            kind => json!({ "type": kind }),
+        };
         parameters.push(json!({ "name": name, "in": "query", "required": required, "schema": schema }));
     }
     let mut responses = serde_json::Map::new();
@@ -61,8 +64,9 @@ fn operation(route: &Route) -> Value {
         responses.insert(code.to_string(), json!({ "description": "refused", "content": content }));
     }
     let mut operation = json!({ "summary": route.summary, "parameters": parameters, "responses": responses });
-    if route.access == Access::Open {
-        operation["security"] = json!([]);
+    match route.access {
+        Access::Open => operation["security"] = json!([]),
+        access => operation["x-role"] = access.role().name().into(),
     }
     let (media, schema) = match route.body {
         Body::None => return operation,
@@ -91,15 +95,23 @@ fn reference(schema: &str) -> Value {
     json!({ "$ref": format!("#/components/schemas/{schema}") })
 }
 
+/// The names of priorities.
+fn priorities() -> Value {
+    json!({ "enum": Priority::ALL.map(Priority::name) })
+}
+
 /// What answers hold.
-fn answers() -> [(&'static str, Value); 3] {
+fn answers() -> [(&'static str, Value); 4] {
     let text = || json!({ "type": "string" });
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
     let job = json!({ "type": "object", "required": ["id", "state", "progress", "pictures"], "properties": {
-        "id": text(), "state": states.clone(), "priority": text(), "scene": text(),
+        "id": text(), "tenant": text(), "state": states.clone(), "priority": priorities(), "scene": text(),
+        "title": { "type": ["string", "null"] }, "labels": { "type": "array", "items": text() },
+        "began_ms": { "type": ["integer", "null"] }, "left_s": { "type": ["integer", "null"] },
         "spec": { "$ref": "#/components/schemas/RenderSpec" },
-        "size": { "type": "array", "items": count() }, "spp": count(), "kind": text(),
+        "size": { "type": "array", "items": count() }, "spp": count(),
+        "kind": { "enum": ["samples", "noise", "seconds"] },
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
         "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
         "frames": count(), "frames_done": count(), "units": count(), "units_done": count(),
@@ -107,8 +119,13 @@ fn answers() -> [(&'static str, Value); 3] {
     let scene = json!({ "type": "object", "required": ["sha256", "bytes"],
         "properties": { "sha256": text(), "bytes": count() } });
     let steered = json!({ "type": "object", "required": ["id", "state"],
-        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": text() } });
-    [("Job", job), ("Scene", scene), ("Steered", steered)]
+        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities() } });
+    let end = json!({ "type": ["integer", "null"] });
+    let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms", "quotas", "used"],
+        "properties": {
+            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end,
+            "quotas": { "type": "object" }, "used": { "type": "object" } } });
+    [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller)]
 }
 
 fn schemas() -> Value {
@@ -130,7 +147,7 @@ fn requests() -> Value {
     };
     json!({
         "Login": object(&["token"], json!({ "token": text() })),
-        "Priority": object(&["priority"], json!({ "priority": text() })),
+        "Priority": object(&["priority"], json!({ "priority": priorities() })),
         "Webhook": object(&["url", "secret"], json!({ "url": text(), "secret": text() })),
         "RenderSpec": RenderSpec::schema(),
         "JobRequest": job_request(),
@@ -147,6 +164,9 @@ fn job_request() -> Value {
     schema["required"] = json!(["scene"]);
     let properties = &mut schema["properties"];
     properties["scene"] = json!({ "type": "string", "pattern": "^[0-9a-fA-F]{64}$" });
+    properties["title"] = json!({ "type": ["string", "null"], "minLength": 1, "maxLength": 200 });
+    let label = json!({ "type": "string", "minLength": 1, "maxLength": 64 });
+    properties["labels"] = json!({ "type": ["array", "null"], "maxItems": 20, "items": label });
     properties["entry"] = json!({ "type": ["string", "null"] });
     let priorities: Vec<Option<&str>> =
         Priority::ALL.map(|one| Some(one.name())).into_iter().chain([None]).collect();

@@ -8,7 +8,7 @@ use serde_json::json;
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        let status = self.status();
+        let (status, retry_after_s) = (self.status(), self.retry_after_s());
         let title = status.canonical_reason().unwrap_or("refused");
         let mut body = json!({ "type": "about:blank", "title": title, "status": status.as_u16(),
             "detail": self.detail() });
@@ -22,7 +22,7 @@ impl IntoResponse for Problem {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"raystream\""));
         }
         if matches!(status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE) {
-            headers.insert(header::RETRY_AFTER, HeaderValue::from_static("5"));
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(retry_after_s.unwrap_or(5)));
         }
         response
     }

@@ -1,6 +1,7 @@
 //! A route: its handler, and its description in the OpenAPI document. Each is written once, in `routes.rs`.
 
 use super::state::State;
+use crate::coordinator::ledger::Role;
 use axum::handler::Handler;
 use axum::routing::{MethodRouter, delete, get, post, put};
 
@@ -17,10 +18,21 @@ pub type Parameter = (&'static str, &'static str, bool);
 pub enum Access {
     /// Anyone.
     Open,
-    /// Whoever shows the token or a cookie.
-    Token,
-    /// Programs of this machine as well, if the service is open to them.
+    /// Whoever shows a token of at least this role, or a cookie that was given for one.
+    Role(Role),
+    /// Those of [`Role::Submit`], and programs of this machine as well, if the service is open to them.
     Drake,
+}
+
+impl Access {
+    /// The least role that is needed.
+    pub fn role(self) -> Role {
+        match self {
+            Self::Open => Role::Read,
+            Self::Role(role) => role,
+            Self::Drake => Role::Submit,
+        }
+    }
 }
 
 /// The body of a request.
@@ -61,21 +73,21 @@ pub struct Route {
 }
 
 impl Route {
-    /// A route with the router of its method, behind the token; it answers 200 with JSON.
+    /// A route with the router of its method, for those who may submit; it answers 200 with JSON.
     pub fn new(
         method: &'static str,
         path: &'static str,
         summary: &'static str,
         handler: MethodRouter<State>,
     ) -> Self {
-        let (access, codes, media) = (Access::Token, &[200][..], &[JSON][..]);
+        let (access, codes, media) = (Access::Role(Role::Submit), &[200][..], &[JSON][..]);
         let (answer, body, query) = (None, Body::None, &[][..]);
         Self { method, path, summary, handler, access, codes, media, answer, body, query }
     }
 
-    /// A route of GET.
+    /// A route of GET, for those who may read.
     pub fn get<T: 'static>(path: &'static str, says: &'static str, handler: impl Handler<T, State>) -> Self {
-        Self::new("get", path, says, get(handler))
+        Self::new("get", path, says, get(handler)).access(Access::Role(Role::Read))
     }
 
     /// A route of POST.

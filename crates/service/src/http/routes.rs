@@ -5,6 +5,7 @@ use super::route::{ANY, Access, Body, Route};
 use super::state::State;
 use super::{drake, guard, live, openapi, page};
 use crate::contract::Problem;
+use crate::coordinator::ledger::Role;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::StatusCode;
@@ -27,7 +28,7 @@ fn open() -> [Route; 5] {
         Route::post("/api/v1/session", "Token in, cookie out", session::create)
             .codes(&[204])
             .body(Body::Json("Login")),
-        Route::delete("/api/v1/session", "Forget the cookie", session::remove).codes(&[204]),
+        Route::delete("/api/v1/session", "End the cookie", session::remove).codes(&[204]),
     ]
     .map(|route| route.access(Access::Open))
 }
@@ -35,10 +36,18 @@ fn open() -> [Route; 5] {
 fn of_jobs() -> [Route; 12] {
     [
         Route::get("/api/v1/jobs", "Jobs, the latest first; `cursor` leads to the next page", jobs::list)
-            .query(&[("state", "string", false), ("cursor", "integer", false), ("limit", "integer", false)]),
+            .query(&[
+                ("state", "state", false),
+                ("text", "string", false),
+                ("label", "string", false),
+                ("since_ms", "integer", false),
+                ("until_ms", "integer", false),
+                ("cursor", "integer", false),
+                ("limit", "integer", false),
+            ]),
         Route::post(
             "/api/v1/jobs",
-            "Submit a job: 202, or 200 if an earlier job has the answer",
+            "Submit a job: 202, or 200 if one with the same request has ended or is under way",
             jobs::submit,
         )
         .codes(&[200, 202])
@@ -82,22 +91,35 @@ fn of_jobs() -> [Route; 12] {
     ]
 }
 
-fn of_farms() -> [Route; 4] {
+fn of_farms() -> [Route; 5] {
+    let admin = Access::Role(Role::Admin);
     [
-        Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers),
-        Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust),
-        Route::get("/api/v1/events", "Server-sent events of all jobs", events::of_all).media(EVENTS),
-        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT),
+        Route::get(
+            "/api/v1/session",
+            "Who asks: the token's name, tenant, role, end, quotas and what is used of them",
+            session::about,
+        )
+        .answer("Caller"),
+        Route::get("/api/v1/workers", "Who renders, how fast, and what each has done", health::workers)
+            .access(admin),
+        Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust)
+            .access(admin),
+        Route::get("/api/v1/events", "Server-sent events of all your jobs", events::of_all).media(EVENTS),
+        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT).access(admin),
     ]
 }
 
 fn of_scenes() -> [Route; 5] {
     [
-        Route::get("/api/v1/scenes/{sha256}", "A scene that was uploaded; 404 if it was not", scenes::about)
-            .answer("Scene"),
+        Route::get(
+            "/api/v1/scenes/{sha256}",
+            "A scene that you have uploaded; 404 if you have not",
+            scenes::about,
+        )
+        .answer("Scene"),
         Route::put(
             "/api/v1/scenes/{sha256}",
-            "Upload a GLB, or a zip of files: 201, or 200 if it is known",
+            "Upload a GLB, or a zip of files: 201, or 200 if you have done so before",
             scenes::upload,
         )
         .codes(&[200, 201])
@@ -119,16 +141,17 @@ fn of_scenes() -> [Route; 5] {
 
 /// The router of all routes, and of the page's files.
 pub fn router(state: State) -> Router {
-    let of = |access: Access| {
-        let routes = all().into_iter().filter(|route| route.access == access);
-        routes.fold(Router::new(), |router, route| router.route(route.path, route.handler))
+    let add = |router: Router<State>, route: Route| {
+        let handler = match route.access {
+            Access::Open => route.handler,
+            access => route.handler.route_layer(from_fn_with_state((state.clone(), access), guard::admit)),
+        };
+        router.route(route.path, handler)
     };
-    let guarded = of(Access::Token).layer(from_fn_with_state(state.clone(), guard::token));
-    let drake = of(Access::Drake).layer(from_fn_with_state(state.clone(), guard::drake));
-    of(Access::Open)
+    all()
+        .into_iter()
+        .fold(Router::new(), add)
         .merge(page::router())
-        .merge(guarded)
-        .merge(drake)
         .fallback(no_such_route)
         .method_not_allowed_fallback(no_such_method)
         .layer(from_fn_with_state(state.clone(), guard::origin))

@@ -1,6 +1,6 @@
 //! Listens, and ends in an orderly way.
 
-use super::auth::Auth;
+use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
 use super::state::{Inner, State};
 use super::{roots, routes, webhook};
@@ -8,7 +8,7 @@ use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
 use crate::coordinator::store::Store;
-use crate::coordinator::{FarmOptions, KeptScene, OwnScene, Runner, Secret};
+use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Runner, Secret};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
@@ -81,9 +81,12 @@ pub enum ServeError {
         /// The system's error.
         source: io::Error,
     },
-    /// Another service uses the data folder.
-    #[error("{0}: another service uses this folder; end it, or choose another (--data)")]
-    InUse(PathBuf),
+    /// The data folder cannot be used.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// There is no token, and none can be made.
+    #[error(transparent)]
+    Auth(#[from] AuthError),
     /// A file cannot be used.
     #[error("{path}: {source}")]
     File {
@@ -135,11 +138,10 @@ pub fn run(
         let path = path.to_owned();
         move |source| ServeError::File { path, source }
     };
-    make_private(&data).map_err(failed(&data))?;
-    let _lock = lock(&data)?;
-    let auth = Auth::open(&data).map_err(failed(&data))?;
+    let _used = DataFolder::open(&data)?;
     let secret = Secret::open(&data).map_err(failed(&data))?;
     let ledger = Arc::new(Ledger::open(&data)?);
+    let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
     let recorder = PrometheusBuilder::new().build_recorder();
@@ -227,60 +229,5 @@ async fn digest(metrics: PrometheusHandle) {
     loop {
         ticks.tick().await;
         metrics.run_upkeep();
-    }
-}
-
-/// Makes the data folder, for its owner alone. One that is there becomes so: it holds secrets, scenes and pictures.
-fn make_private(data: &Path) -> io::Result<()> {
-    if data.is_dir() {
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            if std::fs::metadata(data)?.permissions().mode() & 0o077 != 0 {
-                std::fs::set_permissions(data, PermissionsExt::from_mode(0o700)).map_err(|error| {
-                    let told =
-                        format!("others may enter it, and that cannot be changed ({error}); choose another");
-                    io::Error::other(told)
-                })?;
-                log::warn!(
-                    "{}: others could enter it; it is its owner's alone now (mode 0700)",
-                    data.display()
-                );
-            }
-        }
-        return Ok(());
-    }
-    let mut builder = std::fs::DirBuilder::new();
-    builder.recursive(true);
-    #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(data)
-}
-
-/// Keeps other services out of the data folder for as long as the file is open.
-fn lock(data: &Path) -> Result<std::fs::File, ServeError> {
-    let path = data.join("lock");
-    let file = std::fs::File::create(&path);
-    let file = file.map_err(|source| ServeError::File { path, source })?;
-    file.try_lock().map_err(|_| ServeError::InUse(data.to_owned()))?;
-    Ok(file)
-}
-
-#[cfg(all(test, unix))]
-mod tests {
-    use super::*;
-    use std::os::unix::fs::PermissionsExt;
-
-    #[test]
-    fn the_data_folder_is_its_owners_alone() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let mode = |path: &Path| std::fs::metadata(path).expect("it").permissions().mode() & 0o777;
-        let (open, new) = (folder.path().join("open"), folder.path().join("new"));
-        std::fs::create_dir(&open).expect("a folder");
-        std::fs::set_permissions(&open, PermissionsExt::from_mode(0o755)).expect("changed");
-        for data in [&open, &new] {
-            make_private(data).expect("made");
-            assert_eq!(mode(data), 0o700);
-        }
     }
 }

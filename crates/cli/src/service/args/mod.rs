@@ -3,6 +3,7 @@
 mod farm;
 mod farm_plan;
 mod serve;
+mod token;
 
 pub use farm::{FarmArgs, FarmCommand, FarmInitArgs, FarmKeyArgs, FarmTrustArgs, NatsArgs, WorkerArgs};
 pub use farm_plan::{FarmPlanArgs, JobName};
@@ -10,3 +11,4 @@ pub use serve::{
     CancelArgs, CheckSceneArgs, ClientArgs, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
     ViewArgs,
 };
+pub use token::{DataArgs, TokenAddArgs, TokenCommand, TokenListArgs, TokenRevokeArgs, TokenRotateArgs};

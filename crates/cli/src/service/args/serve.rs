@@ -119,6 +119,12 @@ pub struct SubmitArgs {
     /// Name of the request: a second one of the same name gets the job of the first.
     #[arg(long, value_name = "KEY")]
     pub idempotency_key: Option<String>,
+    /// Title of the job, by which people know it.
+    #[arg(long, value_name = "TEXT")]
+    pub title: Option<String>,
+    /// Label by which the job is found. Repeatable.
+    #[arg(long, value_name = "TEXT")]
+    pub label: Vec<String>,
     /// Priority of the job: interactive, normal or background.
     #[arg(long, value_name = "NAME", default_value = "normal")]
     pub priority: String,
@@ -169,6 +175,8 @@ impl SubmitArgs {
             if is_given("priority") {
                 sorted.priority = new.priority;
             }
+            sorted.title = new.title.or_else(|| sorted.title.take());
+            sorted.label.extend(new.label);
             client.json |= given.json;
             client.ca = given.ca.or_else(|| client.ca.take());
             sorted.idempotency_key = new.idempotency_key.or_else(|| sorted.idempotency_key.take());
@@ -188,6 +196,12 @@ pub struct JobsArgs {
     /// Show jobs of this state: queued, running, paused, done, failed, cancelled.
     #[arg(long, value_name = "STATE")]
     pub state: Option<String>,
+    /// Show jobs with this text in their title, a label or their name.
+    #[arg(long, value_name = "TEXT")]
+    pub text: Option<String>,
+    /// Show jobs with this label.
+    #[arg(long, value_name = "TEXT")]
+    pub label: Option<String>,
 }
 
 /// `raystream fetch`.
@@ -262,11 +276,24 @@ mod tests {
 
     #[test]
     fn options_of_submit_stand_anywhere() {
-        let both =
-            ["--token-file", "t", "s.glb", "--size", "8x8", "--server", "https://a", "--json", "--spp", "4"];
+        let both = [
+            "--token-file",
+            "t",
+            "s.glb",
+            "--size",
+            "8x8",
+            "--server",
+            "https://a",
+            "--json",
+            "--spp",
+            "4",
+            "--label",
+            "x",
+        ];
         let args = sorted(&both).expect("they are known");
         assert_eq!(args.options, ["--size", "8x8", "--spp", "4"]);
         assert_eq!((&*args.client.server, args.client.json), ("https://a", true));
+        assert_eq!(args.label, ["x"]);
         assert_eq!(args.client.token_file, PathBuf::from("t"), "what stands before the scene stays");
         assert_eq!((args.scene, args.priority), (PathBuf::from("s.glb"), "normal".into()));
         let args = sorted(&["s.glb", "--priority=interactive", "--spp=4"]).expect("they are known");

@@ -100,6 +100,8 @@ pub fn submit(args: &SubmitArgs, registry: &Registry) -> Result<Outcome> {
     request["scene"] = json!(pack.scene.sha256);
     request["entry"] = json!(pack.scene.entry);
     request["priority"] = json!(args.priority);
+    request["title"] = json!(args.title);
+    request["labels"] = json!(args.label);
     let job = client.post("/api/v1/jobs", &request, args.idempotency_key.as_deref())?;
     if args.client.json {
         stdout_line!("{}", json!({ "id": job["id"], "state": job["state"] }));
@@ -156,10 +158,15 @@ pub fn jobs(args: &JobsArgs) -> Result<Outcome> {
         }
         return Ok(Outcome::Done);
     }
-    let state = args.state.as_ref().map_or_else(String::new, |state| format!("&state={state}"));
-    let mut cursor = String::new();
+    let mut asked = vec![("limit", "200".to_owned())];
+    for (name, value) in [("state", &args.state), ("text", &args.text), ("label", &args.label)] {
+        asked.extend(value.iter().map(|value| (name, value.clone())));
+    }
+    let mut cursor = None;
     loop {
-        let page = json_of(client.get(&format!("/api/v1/jobs?limit=200{state}{cursor}"))?)?;
+        let request = client.told(client.agent.get(client.url("/api/v1/jobs")));
+        let page = request.query_pairs(asked.iter().cloned().chain(cursor));
+        let page = json_of(client.answered(page.call())?)?;
         for job in page["jobs"].as_array().into_iter().flatten() {
             if args.client.json {
                 stdout_line!("{job}");
@@ -168,7 +175,7 @@ pub fn jobs(args: &JobsArgs) -> Result<Outcome> {
             }
         }
         match page["cursor"].as_i64() {
-            Some(next) => cursor = format!("&cursor={next}"),
+            Some(next) => cursor = Some(("cursor", next.to_string())),
             None => return Ok(Outcome::Done),
         }
     }
@@ -176,12 +183,14 @@ pub fn jobs(args: &JobsArgs) -> Result<Outcome> {
 
 fn print(job: &Value) {
     stdout_line!(
-        "{}  {:<9}  {:5.1} %  {} of {} frames  {}",
+        "{}  {:<9}  {:5.1} %  {} of {} frames  {}{}{}",
         text(job, "id"),
         text(job, "state"),
         100.0 * job["progress"].as_f64().unwrap_or(0.0),
         job["frames_done"],
         job["frames"],
+        text(job, "title"),
+        left(job),
         text(job, "error")
     );
     let suspects: Vec<&str> =
@@ -192,6 +201,16 @@ fn print(job: &Value) {
             suspects.join(", ")
         );
     }
+}
+
+/// The time that a job still needs, if that is known.
+fn left(job: &Value) -> String {
+    let seconds = |left: u64| match left {
+        0..120 => format!("  {left} s left"),
+        120..7200 => format!("  {} min left", left / 60),
+        _ => format!("  {} h left", left / 3600),
+    };
+    job["left_s"].as_u64().map_or_else(String::new, seconds)
 }
 
 /// An identifier that is put into an address.

@@ -1,6 +1,7 @@
 //! Jobs, their states and events.
 
-use super::rows::{Event, Job, JobState, NewJob, Totals};
+use super::rows::{Event, EventsOf, Job, JobFilter, JobState, NewJob, Totals};
+use super::usage::{Charge, Exceeded, charge_all};
 use super::{Ledger, LedgerError, now_ms};
 use raystream::schedule::Priority;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -11,10 +12,15 @@ use serde_json::{Value, json};
 pub enum Accepted {
     /// It is in the ledger.
     New,
-    /// An earlier request had its idempotency key; this is its job, and whether the requests are the same.
+    /// An earlier request of the tenant had its idempotency key; this is its job, and true if the requests are the
+    /// same.
     Earlier(String, bool),
+    /// A job of the same request is under way, or has just ended.
+    Shared(String),
     /// Too many jobs have not ended; this many have not.
     TooMany(u64),
+    /// The tenant has a quota that it would go beyond.
+    OverQuota(Exceeded),
 }
 
 impl Ledger {
@@ -25,13 +31,19 @@ impl Ledger {
     pub fn accept(&self, new: NewJob, most_open: u64) -> Result<Accepted, LedgerError> {
         self.change(move |transaction| {
             if let Some(key) = &new.idempotency_key {
-                let find = "SELECT id, request_hash FROM job WHERE idempotency_key = ?1";
+                let find = "SELECT id, request_hash FROM request_key JOIN job ON id = job \
+                    WHERE request_key.tenant = ?1 AND key = ?2";
                 let earlier = transaction
-                    .query_row(find, [key], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))
+                    .query_row(find, [&new.tenant, key], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))
                     .optional()?;
                 if let Some((id, hash)) = earlier {
                     return Ok(Accepted::Earlier(id, hash == new.request_hash));
                 }
+            }
+            if let Some(after) = new.shared_after
+                && let Some(id) = shared(transaction, &new.tenant, &new.request_hash, after)?
+            {
+                return Ok(Accepted::Shared(id));
             }
             let open: i64 = transaction.query_row(
                 "SELECT count(*) FROM job WHERE state IN ('queued', 'running', 'paused')",
@@ -41,10 +53,14 @@ impl Ledger {
             if open as u64 >= most_open {
                 return Ok(Accepted::TooMany(open as u64));
             }
+            let charges = [Charge::Job, Charge::Samples(new.demand.samples())];
+            if let Err(exceeded) = charge_all(transaction, &new.tenant, new.quotas, &charges)? {
+                return Ok(Accepted::OverQuota(exceeded));
+            }
             let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
             transaction.execute(
-                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, idempotency_key, \
-                 created_ms) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, tenant, created_ms, \
+                 title, labels) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
                 params![
                     new.id,
                     new.request,
@@ -52,10 +68,16 @@ impl Ledger {
                     demand,
                     new.scene,
                     new.priority.name(),
-                    new.idempotency_key,
-                    now_ms()
+                    new.tenant,
+                    now_ms(),
+                    new.title,
+                    json!(new.labels).to_string()
                 ],
             )?;
+            if let Some(key) = &new.idempotency_key {
+                let insert = "INSERT INTO request_key (tenant, key, job) VALUES (?1, ?2, ?3)";
+                transaction.execute(insert, [&new.tenant, key, &new.id])?;
+            }
             if new.has_webhook {
                 // The address is called when the job has ended.
                 let insert = "INSERT INTO call (job, next_ms) VALUES (?1, 0)";
@@ -66,15 +88,18 @@ impl Ledger {
         })
     }
 
-    /// The finished job of the same request, if there is one whose pictures hold no suspect's sums.
+    /// The tenant's last finished job of the same request, if there is one whose pictures hold no suspect's sums.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn known(&self, request_hash: &str) -> Result<Option<String>, LedgerError> {
+    pub fn known(&self, tenant: &str, request_hash: &str) -> Result<Option<Job>, LedgerError> {
         self.read(|connection| {
-            let find = "SELECT id FROM job WHERE request_hash = ?1 AND state = 'done' \
-                AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) LIMIT 1";
-            connection.query_row(find, [request_hash], |row| row.get(0)).optional()
+            let select = format!(
+                "SELECT {} FROM job WHERE tenant = ?1 AND request_hash = ?2 AND state = 'done' \
+                 AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) ORDER BY seq DESC LIMIT 1",
+                Job::COLUMNS
+            );
+            connection.query_row(&select, [tenant, request_hash], Job::of).optional()
         })
     }
 
@@ -92,17 +117,25 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn jobs(
         &self,
-        state: Option<JobState>,
+        filter: &JobFilter,
         before: Option<i64>,
         most: usize,
     ) -> Result<Vec<Job>, LedgerError> {
+        let JobFilter { tenant, state, text, label, since_ms, until_ms } = filter;
         self.read(|connection| {
+            let whose = if tenant.is_some() { "tenant = ?4" } else { "?4 IS NULL" };
             let mut select = connection.prepare_cached(&format!(
-                "SELECT {} FROM job WHERE seq < ?1 AND (?2 IS NULL OR state = ?2) ORDER BY seq DESC LIMIT ?3",
+                "SELECT {} FROM job WHERE {whose} AND seq < ?1 AND (?2 IS NULL OR state = ?2) \
+                 AND (?5 IS NULL OR instr(lower(title || char(10) || id || char(10) || labels), lower(?5)) > 0) \
+                 AND (?6 IS NULL OR EXISTS (SELECT 1 FROM json_each(labels) WHERE value = ?6)) \
+                 AND (?7 IS NULL OR created_ms >= ?7) AND (?8 IS NULL OR created_ms < ?8) \
+                 ORDER BY seq DESC LIMIT ?3",
                 Job::COLUMNS
             ))?;
             let before = before.unwrap_or(i64::MAX);
-            let rows = select.query_map(params![before, state.map(JobState::name), most as i64], Job::of)?;
+            let state = state.map(JobState::name);
+            let asked = params![before, state, most as i64, tenant, text, label, since_ms, until_ms];
+            let rows = select.query_map(asked, Job::of)?;
             rows.collect()
         })
     }
@@ -187,17 +220,21 @@ impl Ledger {
         self.read(|connection| totals(connection, id))
     }
 
-    /// Events after a number, of one job or of all, the oldest first.
+    /// Events after a number, the oldest first.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn events(&self, job: Option<&str>, after: i64, most: usize) -> Result<Vec<Event>, LedgerError> {
+    pub fn events(&self, of: EventsOf<'_>, after: i64, most: usize) -> Result<Vec<Event>, LedgerError> {
         self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT seq, job, time_ms, kind, data FROM event \
-                 WHERE seq > ?1 AND (?2 IS NULL OR job = ?2) ORDER BY seq LIMIT ?3",
-            )?;
-            let rows = select.query_map(params![after, job, most as i64], |row| {
+            let (whose, name) = match of {
+                EventsOf::Job(job) => ("job = ?2", Some(job)),
+                EventsOf::Tenant(tenant) => ("tenant = ?2", Some(tenant)),
+                EventsOf::All => ("?2 IS NULL", None),
+            };
+            let mut select = connection.prepare_cached(&format!(
+                "SELECT seq, job, time_ms, kind, data FROM event WHERE {whose} AND seq > ?1 ORDER BY seq LIMIT ?3"
+            ))?;
+            let rows = select.query_map(params![after, name, most as i64], |row| {
                 Ok(Event {
                     seq: row.get(0)?,
                     job: row.get(1)?,
@@ -219,6 +256,14 @@ impl Ledger {
             connection.query_row("SELECT coalesce(max(seq), 0) FROM event", [], |row| row.get(0))
         })
     }
+}
+
+/// The tenant's job of the same request that is under way, or that has ended well and came after a place.
+fn shared(connection: &Connection, tenant: &str, hash: &str, after: i64) -> rusqlite::Result<Option<String>> {
+    let select = "SELECT id FROM job WHERE tenant = ?1 AND request_hash = ?2 \
+        AND (state IN ('queued', 'running') OR state = 'done' AND seq > ?3) \
+        AND NOT EXISTS (SELECT 1 FROM suspect WHERE suspect.job = job.id) ORDER BY seq LIMIT 1";
+    connection.query_row(select, params![tenant, hash, after], |row| row.get(0)).optional()
 }
 
 /// A job.
@@ -252,7 +297,8 @@ pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Tota
 
 /// Writes down what has happened to a job.
 pub(super) fn note(connection: &Connection, job: &str, kind: &str, data: &Value) -> rusqlite::Result<()> {
-    let insert = "INSERT INTO event (job, time_ms, kind, data) VALUES (?1, ?2, ?3, ?4)";
+    let insert = "INSERT INTO event (job, time_ms, kind, data, tenant) \
+        VALUES (?1, ?2, ?3, ?4, (SELECT tenant FROM job WHERE id = ?1))";
     connection.execute(insert, params![job, now_ms(), kind, data.to_string()])?;
     Ok(())
 }

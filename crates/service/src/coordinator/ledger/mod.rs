@@ -7,12 +7,17 @@ mod rows;
 mod schema;
 #[cfg(test)]
 mod tests;
+mod tokens;
 mod units;
+mod usage;
 
 pub use jobs::Accepted;
 pub use rows::{
-    Checks, Event, FrameRow, Job, JobState, NewJob, Pending, Rendering, Totals, UnitRow, UnitState, priority,
+    Checks, Event, EventsOf, FrameRow, Job, JobFilter, JobState, NewJob, Pending, Rendering, Totals, UnitRow,
+    UnitState, priority,
 };
+pub use tokens::{Role, Token};
+pub use usage::{Charge, Exceeded, Quotas, Usage};
 
 use crate::contract::Problem;
 use crate::contract::failpoint;
@@ -51,6 +56,9 @@ pub enum LedgerError {
         /// What the check found.
         found: String,
     },
+    /// A service of an older raystream uses it.
+    #[error("{0}: the service that uses this ledger is of an older raystream; start it with this one first")]
+    Older(PathBuf),
     /// A newer raystream has written it.
     #[error(
         "{path}: the ledger has version {version}, and this raystream knows {}; use a newer one",
@@ -100,6 +108,24 @@ impl Ledger {
     /// # Errors
     /// If the database cannot be opened, is damaged, or is of a newer raystream.
     pub fn open(data: &Path) -> Result<Self, LedgerError> {
+        Self::open_as(data, schema::migrate)
+    }
+
+    /// Opens the ledger of a data folder that another process uses.
+    ///
+    /// # Errors
+    /// As for [`Self::open`], and if the other process is of an older raystream.
+    pub fn open_beside(data: &Path) -> Result<Self, LedgerError> {
+        Self::open_as(data, |connection, path| match schema::version(connection, path)? {
+            schema::VERSION => Ok(()),
+            _ => Err(LedgerError::Older(path.to_owned())),
+        })
+    }
+
+    fn open_as(
+        data: &Path,
+        prepare: impl FnOnce(&mut Connection, &Path) -> Result<(), LedgerError>,
+    ) -> Result<Self, LedgerError> {
         let path = data.join(FILE);
         let mut connection = Connection::open(&path)?;
         connection.busy_timeout(Duration::from_secs(10))?;
@@ -110,7 +136,7 @@ impl Ledger {
         if found != "ok" {
             return Err(LedgerError::Damaged { path, found });
         }
-        schema::migrate(&mut connection, &path)?;
+        prepare(&mut connection, &path)?;
         let (sender, receiver) = sync_channel(WAITING);
         let (counter, committed) = watch::channel(0);
         let writer = std::thread::Builder::new().name("ledger".into());

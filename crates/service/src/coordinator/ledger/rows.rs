@@ -1,5 +1,6 @@
 //! Rows of the tables.
 
+use super::usage::Quotas;
 use crate::backend::JobCost;
 use raystream::render::BLOCK;
 use raystream::schedule::Priority;
@@ -72,6 +73,8 @@ pub struct Job {
     pub seq: i64,
     /// Its name in requests.
     pub id: String,
+    /// The tenant that it belongs to.
+    pub tenant: String,
     /// Its state.
     pub state: JobState,
     /// The request, as JSON.
@@ -84,6 +87,8 @@ pub struct Job {
     pub priority: Priority,
     /// Milliseconds since 1970.
     pub created_ms: i64,
+    /// The time at which its first unit could begin, in milliseconds since 1970.
+    pub began_ms: Option<i64>,
     /// Milliseconds since 1970.
     pub ended_ms: Option<i64>,
     /// The reason why it failed.
@@ -96,7 +101,7 @@ pub struct Job {
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms";
+        planned, spent_ms, tenant, began_ms";
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let text = |column: usize| row.get::<_, String>(column);
@@ -117,6 +122,8 @@ impl Job {
             error: row.get(9)?,
             is_planned: row.get(10)?,
             spent_ms: row.get(11)?,
+            tenant: text(12)?,
+            began_ms: row.get(13)?,
         })
     }
 }
@@ -131,6 +138,8 @@ pub fn priority(name: &str) -> Option<Priority> {
 pub struct NewJob {
     /// Its name in requests.
     pub id: String,
+    /// The tenant that it belongs to.
+    pub tenant: String,
     /// The request, as JSON.
     pub request: String,
     /// The SHA-256 of what its pictures depend on.
@@ -145,6 +154,43 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// True if someone is to be called when it ends.
     pub has_webhook: bool,
+    /// Its title; empty if it has none.
+    pub title: String,
+    /// Words by which it is found.
+    pub labels: Vec<String>,
+    /// Bounds of what the tenant may use.
+    pub quotas: Quotas,
+    /// The place in the order of arrival behind which a job of the same request may be this one's answer; `None` if
+    /// none may.
+    pub shared_after: Option<i64>,
+}
+
+/// The jobs of a list. What is `None` is not asked for.
+#[derive(Clone, Debug, Default)]
+pub struct JobFilter {
+    /// Their tenant; `None` for all.
+    pub tenant: Option<String>,
+    /// Their state.
+    pub state: Option<JobState>,
+    /// A piece of their title, of a label or of their name, in any case.
+    pub text: Option<String>,
+    /// One of their labels.
+    pub label: Option<String>,
+    /// They were submitted at this time or later, in milliseconds since 1970.
+    pub since_ms: Option<i64>,
+    /// They were submitted before, in milliseconds since 1970.
+    pub until_ms: Option<i64>,
+}
+
+/// The jobs whose events are asked for.
+#[derive(Clone, Copy, Debug)]
+pub enum EventsOf<'a> {
+    /// One job.
+    Job(&'a str),
+    /// Those of a tenant.
+    Tenant(&'a str),
+    /// All.
+    All,
 }
 
 /// Something that happened to a job.

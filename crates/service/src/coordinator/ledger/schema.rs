@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 3] = [FIRST, UNITS_OF_PASSES, STRANGERS];
+const MIGRATIONS: [&str; 7] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -149,12 +149,86 @@ const STRANGERS: &str = "
     CREATE INDEX contributor_worker ON contributor (worker);
 ";
 
+/// Named tokens, and cookies that were given back before their time.
+const TOKENS: &str = "
+    CREATE TABLE token (
+        name TEXT PRIMARY KEY,
+        hash_start TEXT NOT NULL UNIQUE,
+        hash TEXT NOT NULL,
+        series TEXT NOT NULL,
+        role TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER
+    ) WITHOUT ROWID;
+    CREATE TABLE ended_session (
+        id TEXT PRIMARY KEY,
+        expires_ms INTEGER NOT NULL
+    ) WITHOUT ROWID;
+";
+
+/// Tokens act for tenants, and what there was is the first token's. Keys of requests are a tenant's own; the column of
+/// before stays empty, because SQLite drops none that is unique.
+const TENANTS: &str = "
+    ALTER TABLE token ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    UPDATE token SET tenant = name;
+    ALTER TABLE job ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    ALTER TABLE event ADD COLUMN tenant TEXT NOT NULL DEFAULT 'admin';
+    CREATE TABLE request_key (
+        tenant TEXT NOT NULL,
+        key TEXT NOT NULL,
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        PRIMARY KEY (tenant, key)
+    ) WITHOUT ROWID;
+    INSERT INTO request_key SELECT tenant, idempotency_key, id FROM job WHERE idempotency_key IS NOT NULL;
+    UPDATE job SET idempotency_key = NULL;
+    CREATE TABLE upload (
+        tenant TEXT NOT NULL,
+        sha256 TEXT NOT NULL REFERENCES scene (sha256) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL,
+        PRIMARY KEY (tenant, sha256)
+    ) WITHOUT ROWID;
+    INSERT INTO upload SELECT 'admin', sha256, created_ms FROM scene;
+    DROP INDEX job_request;
+    CREATE INDEX job_request ON job (tenant, request_hash);
+    CREATE INDEX job_tenant ON job (tenant, seq);
+    CREATE INDEX event_tenant ON event (tenant, seq);
+";
+
+/// What tokens allow, and what tenants use.
+const QUOTAS: &str = "
+    ALTER TABLE token ADD COLUMN most_jobs INTEGER;
+    ALTER TABLE token ADD COLUMN samples_a_day INTEGER;
+    ALTER TABLE token ADD COLUMN bytes_a_day INTEGER;
+    CREATE TABLE usage (
+        tenant TEXT NOT NULL,
+        day INTEGER NOT NULL,
+        samples INTEGER NOT NULL,
+        bytes INTEGER NOT NULL,
+        PRIMARY KEY (tenant, day)
+    ) WITHOUT ROWID;
+    DROP INDEX job_state;
+    CREATE INDEX job_state ON job (state, tenant);
+";
+
+/// Jobs have titles, labels, and the time at which they began.
+const TITLES: &str = "
+    ALTER TABLE job ADD COLUMN title TEXT NOT NULL DEFAULT '';
+    ALTER TABLE job ADD COLUMN labels TEXT NOT NULL DEFAULT '[]';
+    ALTER TABLE job ADD COLUMN began_ms INTEGER;
+";
+
+/// The version of the tables that are there; 0 if there are none.
+pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, LedgerError> {
+    let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+    match version > VERSION {
+        true => Err(LedgerError::Newer { path: path.to_owned(), version }),
+        false => Ok(version),
+    }
+}
+
 /// Brings the tables up to date.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), LedgerError> {
-    let version: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
-    if version > VERSION {
-        return Err(LedgerError::Newer { path: path.to_owned(), version });
-    }
+    let version = version(connection, path)?;
     for (before, migration) in MIGRATIONS.iter().enumerate().skip(version.max(0) as usize) {
         let transaction = connection.transaction()?;
         transaction.execute_batch(migration)?;

@@ -7,6 +7,7 @@ use raystream::schedule::Priority;
 fn new(id: &str, key: Option<&str>) -> NewJob {
     NewJob {
         id: id.into(),
+        tenant: "t".into(),
         request: "{}".into(),
         request_hash: format!("hash of {}", &id[..1]),
         demand: JobCost::new((4, 4), 8, Some(2), StopRule::Samples),
@@ -14,6 +15,10 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         priority: Priority::Normal,
         idempotency_key: key.map(str::to_owned),
         has_webhook: false,
+        title: String::new(),
+        labels: vec![],
+        quotas: Quotas::default(),
+        shared_after: None,
     }
 }
 
@@ -79,15 +84,19 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     }
     let job = ledger.job("a1").expect("a ledger").expect("the job");
     assert_eq!(
-        (job.state, ledger.known("hash of a").expect("a ledger")),
+        (job.state, ledger.known("t", "hash of a").expect("a ledger").map(|job| job.id)),
         (JobState::Done, Some("a1".into()))
     );
     let refused = ledger.set_state("a1", &[JobState::Running], JobState::Cancelled, None).expect("a ledger");
     assert_eq!(refused, Some(JobState::Done));
-    let kinds: Vec<String> =
-        ledger.events(Some("a1"), 0, 99).expect("events").into_iter().map(|event| event.kind).collect();
+    let kinds: Vec<String> = ledger
+        .events(EventsOf::Job("a1"), 0, 99)
+        .expect("events")
+        .into_iter()
+        .map(|event| event.kind)
+        .collect();
     assert_eq!(kinds, ["queued", "running", "unit", "unit", "unit", "frame", "frame", "done"]);
-    let unit = &ledger.events(Some("a1"), 0, 99).expect("events")[3];
+    let unit = &ledger.events(EventsOf::Job("a1"), 0, 99).expect("events")[3];
     let told: serde_json::Value = serde_json::from_str(&unit.data).expect("JSON");
     assert_eq!((&told["number"], &told["worker"]), (&1.into(), &"w".into()));
     let kept: Rendering = serde_json::from_value(told["rendering"].clone()).expect("how it was rendered");
@@ -103,7 +112,7 @@ fn a_change_that_fails_undoes_itself_alone() {
         connection.execute("INSERT INTO nowhere VALUES (1)", [])
     });
     assert!(failed.is_err());
-    ledger.keep_scene("whole", 7).expect("kept");
+    ledger.keep_scene(None, "whole", 7).expect("kept");
     assert_eq!(ledger.scene("half").expect("a ledger"), None);
     assert_eq!(ledger.scene("whole").expect("a ledger"), Some(7));
 }
@@ -186,7 +195,7 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
         finish(&ledger, id, 0);
     }
     finish(&ledger, "a1", 1);
-    assert_eq!(ledger.known("hash of a").expect("a ledger"), Some("a1".into()));
+    assert_eq!(ledger.known("t", "hash of a").expect("a ledger").map(|job| job.id), Some("a1".into()));
     // The job that goes on loses a picture, and the one that has ended is suspect.
     let anew = ledger.quarantine("liar", "w1", "it lies").expect("quarantined");
     assert_eq!(anew, [("b1".into(), 0)]);
@@ -203,8 +212,8 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
     assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);
     let suspects = |id: &str| ledger.checks(id).expect("checks").suspects;
     assert_eq!((suspects("a1"), suspects("b1"), suspects("c1")), (vec!["w1".into()], vec![], vec![]));
-    assert_eq!(ledger.known("hash of a").expect("a ledger"), None, "it answers no other request");
-    let last = ledger.events(Some("a1"), 0, 99).expect("events").pop().expect("one");
+    assert!(ledger.known("t", "hash of a").expect("a ledger").is_none(), "it answers no other request");
+    let last = ledger.events(EventsOf::Job("a1"), 0, 99).expect("events").pop().expect("one");
     assert_eq!((&*last.kind, last.data.contains("w1")), ("suspect", true));
     assert_eq!(ledger.quarantined().expect("one"), [("liar".into(), "w1".into(), "it lies".into())]);
     assert!(
@@ -249,4 +258,59 @@ fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
     assert_eq!((round, states), (0, vec![UnitState::Open, UnitState::Folded]));
     assert!(ledger.quarantined().expect("names are no keys").is_empty());
     assert_eq!(ledger.active(9).expect("jobs").len(), 1);
+}
+
+#[test]
+fn what_there_was_before_tenants_is_the_first_tokens() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let connection = Connection::open(folder.path().join(FILE)).expect("a database");
+    schema::migrate_to(&connection, 3).expect("the tables of version 3");
+    connection
+        .execute_batch(
+            "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, idempotency_key, created_ms)
+                 VALUES ('a1', 'done', '{}', 'h', '{\"size\":[4,4],\"spp\":8,\"frames\":1,\"kind\":\"samples\"}',
+                  's', 'normal', 'k', 1);
+             INSERT INTO event (job, time_ms, kind, data) VALUES ('a1', 1, 'queued', '{}');
+             INSERT INTO scene VALUES ('s', 7, 1);",
+        )
+        .expect("rows");
+    drop(connection);
+    let ledger = Ledger::open(folder.path()).expect("it is brought up to date");
+    let of = |tenant: &str| JobFilter { tenant: Some(tenant.into()), ..JobFilter::default() };
+    for (tenant, count) in [("admin", 1), ("other", 0)] {
+        assert_eq!(ledger.jobs(&of(tenant), None, 9).expect("jobs").len(), count, "{tenant}");
+        assert_eq!(ledger.events(EventsOf::Tenant(tenant), 0, 9).expect("events").len(), count, "{tenant}");
+        assert_eq!(ledger.known(tenant, "h").expect("a ledger").is_some(), count > 0, "{tenant}");
+        assert_eq!(ledger.scene_of(Some(tenant), "s").expect("a ledger").is_some(), count > 0, "{tenant}");
+        let again = NewJob { tenant: tenant.into(), request_hash: "h".into(), ..new(tenant, Some("k")) };
+        let accepted = if count > 0 { Accepted::Earlier("a1".into(), true) } else { Accepted::New };
+        assert_eq!(ledger.accept(again, 9).expect("accepted"), accepted, "{tenant}");
+    }
+    assert_eq!(ledger.jobs(&JobFilter::default(), None, 9).expect("jobs").len(), 2, "all");
+}
+
+#[test]
+fn equal_requests_share_a_job_until_it_is_of_no_use() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ledger = Ledger::open(folder.path()).expect("a ledger");
+    let accept = |id: &str, tenant: &str, shared_after| {
+        ledger.accept(NewJob { tenant: tenant.into(), shared_after, ..new(id, None) }, 9).expect("accepted")
+    };
+    let shared = Accepted::Shared("a1".into());
+    assert_eq!(accept("a1", "t", Some(0)), Accepted::New);
+    assert_eq!(accept("a2", "t", Some(0)), shared);
+    assert_eq!(accept("a3", "t", None), Accepted::New, "it is to be rendered anew");
+    assert_eq!(accept("a4", "u", Some(0)), Accepted::New, "it is another tenant's");
+    ledger.set_state("a3", &[JobState::Queued], JobState::Cancelled, None).expect("a ledger");
+    ledger.set_state("a1", &[JobState::Queued], JobState::Done, None).expect("a ledger");
+    assert_eq!(accept("a5", "t", Some(0)), shared, "it has ended meanwhile");
+    let seq = ledger.job("a1").expect("a ledger").expect("the job").seq;
+    assert_eq!(accept("a6", "t", Some(seq)), Accepted::New, "its pictures are gone");
+    assert_eq!(accept("a7", "t", Some(seq)), Accepted::Shared("a6".into()));
+    for state in [JobState::Failed, JobState::Cancelled, JobState::Paused] {
+        ledger.set_state("a6", &JobState::ALL, state, None).expect("a ledger");
+        let id = format!("a8{state}");
+        assert_eq!(accept(&id, "t", Some(seq)), Accepted::New, "{state}");
+        ledger.set_state(&id, &[JobState::Queued], JobState::Cancelled, None).expect("a ledger");
+    }
 }

@@ -1,10 +1,11 @@
 //! Frames and units of jobs, scenes, and calls that are due.
 
-use super::jobs::{note, totals};
+use super::jobs::{find, note, totals};
 use super::rows::{FrameRow, JobState, Rendering, UnitRow};
+use super::usage::{Charge, Quotas, charge_all};
 use super::{Ledger, LedgerError, now_ms};
 use crate::backend::FrameId;
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde_json::json;
 
 /// The longest pause between two calls of a webhook: twice an hour.
@@ -18,11 +19,12 @@ impl Ledger {
     pub fn plan(&self, job: &str, frames: Vec<FrameId>, block_samples: u64) -> Result<(), LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let plan = "UPDATE job SET planned = 1, state = 'running', block_samples = ?2 \
-                WHERE id = ?1 AND planned = 0 AND state IN ('queued', 'running')";
-            if transaction.execute(plan, params![job, block_samples as i64])? == 0 {
+            let plan = "UPDATE job SET planned = 1, state = 'running', block_samples = ?2, \
+                began_ms = coalesce(began_ms, ?3) WHERE id = ?1 AND planned = 0 AND state IN ('queued', 'running')";
+            if transaction.execute(plan, params![job, block_samples as i64, now_ms()])? == 0 {
                 return Ok(());
             }
+            charge_frames(transaction, &job, frames.len() as u64)?;
             for frame in &frames {
                 let insert = "INSERT INTO frame (job, number, name) VALUES (?1, ?2, ?3)";
                 transaction.execute(insert, params![job, frame.number, frame.name])?;
@@ -246,20 +248,38 @@ impl Ledger {
         })
     }
 
-    /// Writes down that a scene is on the disk.
+    /// Writes down that a scene is on the disk, and that a tenant has uploaded it, unless it is the service's own.
     ///
     /// # Errors
     /// If the ledger cannot be used.
-    pub fn keep_scene(&self, sha256: &str, bytes: u64) -> Result<(), LedgerError> {
-        let sha256 = sha256.to_owned();
+    pub fn keep_scene(&self, tenant: Option<&str>, sha256: &str, bytes: u64) -> Result<(), LedgerError> {
+        let (tenant, sha256) = (tenant.map(str::to_owned), sha256.to_owned());
         self.change(move |transaction| {
             let insert = "INSERT OR IGNORE INTO scene (sha256, bytes, created_ms) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![sha256, bytes as i64, now_ms()])?;
+            if let Some(tenant) = tenant {
+                let insert = "INSERT OR IGNORE INTO upload (tenant, sha256, created_ms) VALUES (?1, ?2, ?3)";
+                transaction.execute(insert, params![tenant, sha256, now_ms()])?;
+            }
             Ok(())
         })
     }
 
-    /// The bytes of a scene that was uploaded; `None` if there is none.
+    /// The bytes of a scene that a tenant, or anyone, has uploaded; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn scene_of(&self, tenant: Option<&str>, sha256: &str) -> Result<Option<u64>, LedgerError> {
+        let Some(tenant) = tenant else { return self.scene(sha256) };
+        self.read(|connection| {
+            let select =
+                "SELECT bytes FROM upload JOIN scene USING (sha256) WHERE tenant = ?1 AND sha256 = ?2";
+            let bytes = |row: &Row<'_>| Ok(row.get::<_, i64>(0)? as u64);
+            connection.query_row(select, [tenant, sha256], bytes).optional()
+        })
+    }
+
+    /// The bytes of a scene that is on the disk, whoever it is of; `None` if there is none.
     ///
     /// # Errors
     /// If the ledger cannot be used.
@@ -302,6 +322,18 @@ impl Ledger {
             Ok(())
         })
     }
+}
+
+/// Counts the frames of a job that only its scene could tell: one was counted when it was accepted.
+fn charge_frames(connection: &Connection, job: &str, frames: u64) -> rusqlite::Result<()> {
+    if let Some(job) = find(connection, job)?
+        && job.demand.frames.is_none()
+    {
+        let more = job.demand.samples().saturating_mul(frames.saturating_sub(1));
+        // It goes on, whatever the quota: the next job is refused.
+        let _ = charge_all(connection, &job.tenant, Quotas::default(), &[Charge::Samples(more)])?;
+    }
+    Ok(())
 }
 
 /// Forgets all units of a frame, and its picture.

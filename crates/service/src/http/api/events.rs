@@ -1,7 +1,8 @@
 //! Events of jobs, as they happen (server-sent events).
 
 use crate::contract::Problem;
-use crate::coordinator::ledger::Event as Happened;
+use crate::coordinator::ledger::{Event as Happened, EventsOf};
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::extract::{Path, State as Given};
 use axum::http::HeaderMap;
@@ -20,26 +21,27 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// `GET /api/v1/jobs/{id}/events`.
 pub async fn of_job(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     headers: HeaderMap,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
-    let asked = id.clone();
-    let job = state.blocking(move |state| Ok(state.ledger().job(&asked)?)).await?;
-    job.ok_or_else(|| Problem::missing(format!("job {id:?}")))?;
+    let (asked, asking) = (id.clone(), caller.clone());
+    state.blocking(move |state| asking.job(state, &asked)).await?;
     let after = last_event(&headers)?.unwrap_or(0);
-    Ok(stream_of(state, Some(id), after))
+    Ok(stream_of(state, caller, Some(id), after))
 }
 
-/// `GET /api/v1/events`: those of all jobs, from now on or after `Last-Event-ID`.
+/// `GET /api/v1/events`: those of all jobs that the caller may see, from now on or after `Last-Event-ID`.
 pub async fn of_all(
     Given(state): Given<State>,
+    caller: Caller,
     headers: HeaderMap,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
     let after = match last_event(&headers)? {
         Some(after) => after,
         None => state.blocking(|state| Ok(state.ledger().last_event()?)).await?,
     };
-    Ok(stream_of(state, None, after))
+    Ok(stream_of(state, caller, None, after))
 }
 
 fn last_event(headers: &HeaderMap) -> Result<Option<i64>, Problem> {
@@ -51,6 +53,7 @@ fn last_event(headers: &HeaderMap) -> Result<Option<i64>, Problem> {
 /// What a stream of events remembers.
 struct Listener {
     state: State,
+    caller: Caller,
     job: Option<String>,
     after: i64,
     waiting: VecDeque<Happened>,
@@ -58,10 +61,11 @@ struct Listener {
 
 fn stream_of(
     state: State,
+    caller: Caller,
     job: Option<String>,
     after: i64,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let listener = Listener { state, job, after, waiting: VecDeque::new() };
+    let listener = Listener { state, caller, job, after, waiting: VecDeque::new() };
     let events = stream::unfold(listener, |mut listener| async move {
         let event = listener.next().await?;
         let shown = Event::default().id(event.seq.to_string()).event(event.kind.clone());
@@ -73,7 +77,8 @@ fn stream_of(
 }
 
 impl Listener {
-    /// The next event; `None` if the service ends or the ledger fails. Clients connect again then.
+    /// The next event; `None` if the service or the caller's token ends, or the ledger fails. Clients connect again
+    /// then.
     async fn next(&mut self) -> Option<Happened> {
         let mut committed = self.state.ledger().committed();
         let mut ending = self.state.ending();
@@ -83,10 +88,17 @@ impl Listener {
                 return Some(event);
             }
             committed.mark_unchanged();
-            let (job, after) = (self.job.clone(), self.after);
-            let read =
-                self.state.blocking(move |state| Ok(state.ledger().events(job.as_deref(), after, READ)?));
-            self.waiting = read.await.ok()?.into();
+            let (caller, job, after) = (self.caller.clone(), self.job.clone(), self.after);
+            let read = self.state.blocking(move |state| {
+                let of = match (&job, caller.scope()) {
+                    (Some(job), _) => EventsOf::Job(job),
+                    (None, Some(tenant)) => EventsOf::Tenant(tenant),
+                    (None, None) => EventsOf::All,
+                };
+                let events = state.ledger().events(of, after, READ)?;
+                Ok(caller.holds(state)?.then_some(events))
+            });
+            self.waiting = read.await.ok()??.into();
             if self.waiting.is_empty() {
                 let changed = committed.changed();
                 let end = ending.wait_for(|ending| *ending);

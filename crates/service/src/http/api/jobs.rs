@@ -3,31 +3,42 @@
 use super::{body, scenes};
 use crate::backend::JobCost;
 use crate::contract::{Problem, hex};
-use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobState, NewJob, Totals};
+use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals};
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
+use crate::http::caller::{Caller, over_quota};
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
 use axum::extract::{Path, Query, State as Given};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
+use raystream::schedule::Priority;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Jobs of a list, unless a number is asked for, and at most.
 const LISTED: usize = 50;
 const MOST_LISTED: usize = 500;
 
+/// The share of a job from which the time that is left is told.
+const LEAST_PROGRESS: f64 = 0.01;
+
 /// The most bytes of an idempotency key.
 const MOST_KEY_BYTES: usize = 200;
 
 /// `POST /api/v1/jobs`.
-pub async fn submit(Given(state): Given<State>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
+pub async fn submit(
+    Given(state): Given<State>,
+    caller: Caller,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
     let request: JobRequest = body::json(&state, &headers, body).await?;
     let key = idempotency_key(&headers)?;
     let fresh = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == "no-cache");
-    state.blocking(move |state| accept(state, request, key, fresh)).await
+    state.blocking(move |state| accept(state, &caller, request, key, fresh)).await
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
@@ -38,19 +49,15 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     text.map(|key| Some(key.to_owned())).ok_or_else(wrong)
 }
 
-/// Checks a request and writes it into the ledger.
-fn accept(
-    state: &State,
-    mut request: JobRequest,
-    idempotency_key: Option<String>,
-    is_fresh: bool,
-) -> Result<Response, Problem> {
+/// Checks a request, and writes the name of its scene as the ledger has it. Returns its priority and its cost.
+fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Priority, JobCost), Problem> {
     request.scene = scenes::sha256(&request.scene)
         .map_err(|_| Problem::unprocessable("scene: write the SHA-256 of the scene, 64 digits"))?;
-    let known = state.ledger().scene(&request.scene)?;
+    let known = caller.scene(state, &request.scene)?;
     known.ok_or_else(|| {
         Problem::unprocessable("scene: it has not been uploaded; PUT it to /api/v1/scenes/{sha256}")
     })?;
+    request.check_words()?;
     let priority = request.priority()?;
     if let Some(hook) = &request.webhook
         && !is_web_address(&hook.url)
@@ -61,18 +68,29 @@ fn accept(
     let folder = state.store().scene_folder(&request.scene);
     let demand = state.backend().check(&request.spec, &entry, &folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
+    Ok((priority, demand))
+}
+
+/// Checks a request and writes it into the ledger.
+fn accept(
+    state: &State,
+    caller: &Caller,
+    mut request: JobRequest,
+    idempotency_key: Option<String>,
+    is_fresh: bool,
+) -> Result<Response, Problem> {
+    let (priority, demand) = check(state, caller, &mut request)?;
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
     // Whoever is to be called is called for a job of its own.
-    if is_function
-        && !is_fresh
-        && idempotency_key.is_none()
-        && request.webhook.is_none()
-        && let Some(id) = state.ledger().known(&request_hash)?
-        && has_pictures(state, &id)?
-    {
-        metrics::counter!("raystream_known_requests_total").increment(1);
-        return answer(state, &id, StatusCode::OK);
+    let may_share = is_function && !is_fresh && idempotency_key.is_none() && request.webhook.is_none();
+    let mut shared_after = may_share.then_some(0);
+    if may_share && let Some(job) = state.ledger().known(caller.tenant(), &request_hash)? {
+        if has_pictures(state, &job.id)? {
+            metrics::counter!("raystream_known_requests_total").increment(1);
+            return answer(state, caller, &job.id, StatusCode::OK);
+        }
+        shared_after = Some(job.seq);
     }
     let mut random = [0; 8];
     getrandom::fill(&mut random).map_err(|error| {
@@ -81,8 +99,13 @@ fn accept(
     let id = hex(&random);
     let new = NewJob {
         id: id.clone(),
+        tenant: caller.tenant().to_owned(),
         has_webhook: request.webhook.is_some(),
+        quotas: caller.quotas(),
+        shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
+        title: request.title.unwrap_or_default(),
+        labels: request.labels,
         request_hash,
         demand,
         scene: request.scene,
@@ -93,18 +116,33 @@ fn accept(
     match state.ledger().accept(new, most)? {
         Accepted::New => {
             state.runner().wake();
-            answer(state, &id, StatusCode::ACCEPTED)
+            answer(state, caller, &id, StatusCode::ACCEPTED)
         }
-        Accepted::Earlier(id, true) => answer(state, &id, StatusCode::OK),
+        Accepted::Shared(id) => {
+            metrics::counter!("raystream_known_requests_total").increment(1);
+            hasten(state, caller, &id, priority)?;
+            answer(state, caller, &id, StatusCode::OK)
+        }
+        Accepted::Earlier(id, true) => answer(state, caller, &id, StatusCode::OK),
         Accepted::Earlier(id, false) => Err(Problem::new(
             StatusCode::CONFLICT,
             format!("job {id} was submitted with this Idempotency-Key and another request; use another key"),
         )),
+        Accepted::OverQuota(exceeded) => Err(over_quota(exceeded)),
         Accepted::TooMany(_) => {
             let detail = format!("{most} jobs have not ended; wait until some have, or cancel some");
             Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))
         }
     }
+}
+
+/// Makes a job that several requests share as urgent as the most urgent of them.
+fn hasten(state: &State, caller: &Caller, id: &str, wanted: Priority) -> Result<(), Problem> {
+    if wanted < caller.job(state, id)?.priority {
+        state.ledger().set_priority(id, wanted)?;
+        state.runner().set_priority(id, wanted);
+    }
+    Ok(())
 }
 
 /// True if a text is an address that can be called.
@@ -151,34 +189,46 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
     let Checks { compared, keys, suspects } = checks;
     let compared_share = compared as f64 / units_done.max(1) as f64;
     let progress = if job.state == JobState::Done { 1.0 } else { (share + now).min(1.0) };
+    let title = request.as_ref().and_then(|request| request.title.clone());
+    let labels = request.as_ref().map(|request| request.labels.clone()).unwrap_or_default();
     Ok(json!({
-        "id": job.id, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
+        "id": job.id, "tenant": job.tenant, "state": job.state, "priority": job.priority.name(), "scene": job.scene,
+        "title": title, "labels": labels,
         "entry": request.as_ref().and_then(|request| request.entry.clone()),
         "spec": request.map(|request| request.spec),
         "size": [job.demand.size.0, job.demand.size.1], "spp": job.demand.spp, "kind": job.demand.kind,
-        "created_ms": job.created_ms, "ended_ms": job.ended_ms, "error": job.error, "progress": progress,
+        "created_ms": job.created_ms, "began_ms": job.began_ms, "ended_ms": job.ended_ms,
+        "left_s": left_s(job, progress), "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
         "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
         "suspects": suspects,
     }))
 }
 
-pub(super) fn find(state: &State, id: &str) -> Result<Job, Problem> {
-    state.ledger().job(id)?.ok_or_else(|| Problem::missing(format!("job {id:?}")))
-}
-
-fn answer(state: &State, id: &str, status: StatusCode) -> Result<Response, Problem> {
-    let job = find(state, id)?;
+fn answer(state: &State, caller: &Caller, id: &str, status: StatusCode) -> Result<Response, Problem> {
+    let job = caller.job(state, id)?;
     let body = Json(shown(state, &job)?);
     let location = format!("/api/v1/jobs/{id}");
     Ok((status, [(header::LOCATION, location)], body).into_response())
 }
 
-/// The query of a list of jobs: their state, and the page.
+/// Seconds until a job that runs has ended, if it goes on as it has so far.
+fn left_s(job: &Job, progress: f64) -> Option<u64> {
+    let began_ms = job.began_ms.filter(|_| job.state == JobState::Running && progress >= LEAST_PROGRESS)?;
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?.as_millis() as f64;
+    let seconds = (now - began_ms as f64).max(0.0) / 1000.0;
+    Some((seconds * (1.0 - progress) / progress).ceil() as u64)
+}
+
+/// The query of a list of jobs: which, and the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ListQuery {
     state: Option<String>,
+    text: Option<String>,
+    label: Option<String>,
+    since_ms: Option<i64>,
+    until_ms: Option<i64>,
     cursor: Option<i64>,
     limit: Option<usize>,
 }
@@ -186,16 +236,18 @@ pub struct ListQuery {
 /// `GET /api/v1/jobs`.
 pub async fn list(
     Given(state): Given<State>,
+    caller: Caller,
     query: Result<Query<ListQuery>, axum::extract::rejection::QueryRejection>,
 ) -> Result<Json<Value>, Problem> {
-    let Query(ListQuery { state: wanted, cursor, limit }) =
+    let Query(ListQuery { state: wanted, text, label, since_ms, until_ms, cursor, limit }) =
         query.map_err(|error| Problem::malformed(error.body_text()))?;
     let wanted: Option<JobState> =
         wanted.map(|name| name.parse()).transpose().map_err(Problem::unprocessable)?;
+    let filter = JobFilter { state: wanted, text, label, since_ms, until_ms, ..caller.filter() };
     let most = limit.unwrap_or(LISTED).clamp(1, MOST_LISTED);
     state
         .blocking(move |state| {
-            let jobs = state.ledger().jobs(wanted, cursor, most)?;
+            let jobs = state.ledger().jobs(&filter, cursor, most)?;
             let next = (jobs.len() == most).then(|| jobs.last().map(|job| job.seq)).flatten();
             let jobs = jobs.iter().map(|job| shown(state, job)).collect::<Result<Vec<_>, _>>()?;
             Ok(Json(json!({ "jobs": jobs, "cursor": next })))
@@ -204,10 +256,14 @@ pub async fn list(
 }
 
 /// `GET /api/v1/jobs/{id}`.
-pub async fn status(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
+pub async fn status(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<Value>, Problem> {
     state
         .blocking(move |state| {
-            let job = find(state, &id)?;
+            let job = caller.job(state, &id)?;
             let mut body = shown(state, &job)?;
             let frames: Vec<Value> = state.ledger().frames(&id)?.iter().map(shown_frame).collect();
             body["pictures"] = frames.into();
@@ -231,8 +287,7 @@ const LOST: &[JobState] = &[JobState::Failed, JobState::Cancelled];
 /// Moves a job to another state; 409 if it is in none from which it can. The body says nothing, but it is read: the
 /// connection would end otherwise.
 async fn steer(
-    state: State,
-    id: String,
+    (state, caller, id): (State, Caller, String),
     body: Body,
     from: &'static [JobState],
     to: JobState,
@@ -240,6 +295,7 @@ async fn steer(
     body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
     state
         .blocking(move |state| {
+            caller.job(state, &id)?;
             let now = state.ledger().set_state(&id, from, to, None)?;
             let now = now.ok_or_else(|| Problem::missing(format!("job {id:?}")))?;
             // A second call of the same finds what the first did.
@@ -269,37 +325,41 @@ async fn steer(
 /// `POST /api/v1/jobs/{id}/cancel`.
 pub async fn cancel(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, OPEN, JobState::Cancelled).await
+    steer((state, caller, id), body, OPEN, JobState::Cancelled).await
 }
 
 /// `POST /api/v1/jobs/{id}/pause`.
 pub async fn pause(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, ACTIVE, JobState::Paused).await
+    steer((state, caller, id), body, ACTIVE, JobState::Paused).await
 }
 
 /// `POST /api/v1/jobs/{id}/resume`.
 pub async fn resume(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, PAUSED, JobState::Queued).await
+    steer((state, caller, id), body, PAUSED, JobState::Queued).await
 }
 
 /// `POST /api/v1/jobs/{id}/retry`: a job that failed or was cancelled goes on from what is kept.
 pub async fn retry(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     body: Body,
 ) -> Result<Json<Value>, Problem> {
-    steer(state, id, body, LOST, JobState::Queued).await
+    steer((state, caller, id), body, LOST, JobState::Queued).await
 }
 
 #[derive(Deserialize)]
@@ -311,6 +371,7 @@ struct NewPriority {
 /// `POST /api/v1/jobs/{id}/priority`.
 pub async fn priority(
     Given(state): Given<State>,
+    caller: Caller,
     Path(id): Path<String>,
     headers: HeaderMap,
     body: Body,
@@ -319,11 +380,10 @@ pub async fn priority(
     let priority = parse_priority(&priority)?;
     state
         .blocking(move |state| {
-            if !state.ledger().set_priority(&id, priority)? {
-                return Err(Problem::missing(format!("job {id:?}")));
-            }
+            caller.job(state, &id)?;
+            state.ledger().set_priority(&id, priority)?;
             state.runner().set_priority(&id, priority);
-            let job = find(state, &id)?;
+            let job = caller.job(state, &id)?;
             Ok(Json(json!({ "id": id, "state": job.state, "priority": priority.name() })))
         })
         .await

@@ -3,6 +3,8 @@
 use super::{body, scenes};
 use crate::contract::Problem;
 use crate::coordinator::JobRequest;
+use crate::coordinator::ledger::Charge;
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::body::Body;
 use axum::extract::{Query, State as Given};
@@ -33,6 +35,7 @@ const HEADER_BYTES: u64 = 4096;
 /// `POST /api/v1/query`.
 pub async fn query(
     Given(state): Given<State>,
+    caller: Caller,
     query: Result<Query<RayQuery>, axum::extract::rejection::QueryRejection>,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -42,14 +45,16 @@ pub async fn query(
     let bytes = body::whole(&state, body, ("query_rays", limit)).await?;
     state
         .blocking(move |state| {
-            state
-                .ledger()
-                .scene(&scene)?
-                .ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
+            let known = caller.scene(state, &scene)?;
+            known.ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?;
             let rays = rays(&bytes).map_err(Problem::unprocessable)?;
+            let charges = [Charge::Samples(rays.len() as u64), Charge::Bytes(bytes.len() as u64)];
+            caller.charge(state, &charges)?;
             let request = JobRequest {
                 scene,
                 entry: query.entry,
+                title: None,
+                labels: vec![],
                 spec: RenderSpec::default(),
                 priority: None,
                 webhook: None,
@@ -67,11 +72,14 @@ fn rays(bytes: &[u8]) -> Result<Arc<[Ray]>, String> {
     };
     let npy = npyz::NpyFile::new(bytes).map_err(|error| wanted(&error))?;
     let shape = npy.shape().to_vec();
-    let (&[_, 8], npyz::Order::C) = (&shape[..], npy.order()) else {
+    let (&[count, 8], npyz::Order::C) = (&shape[..], npy.order()) else {
         return Err(wanted(&format!("its shape is {shape:?}")));
     };
     let values: Vec<f32> = npy.into_vec().map_err(|error| wanted(&error))?;
     let (rays, _) = values.as_chunks::<8>();
+    if rays.len() as u64 != count {
+        return Err(wanted(&format!("its shape has {count} rays, and its data {}", rays.len())));
+    }
     Ok(rays.iter().map(|ray| bytemuck::cast(*ray)).collect())
 }
 

@@ -3,6 +3,7 @@
 use crate::contract::{self, Problem, hex};
 use crate::coordinator::ledger::FrameRow;
 use crate::coordinator::results::PICTURE;
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::body::Body;
 use axum::extract::{Path, Query, State as Given};
@@ -35,6 +36,7 @@ struct Found {
 /// `GET /api/v1/jobs/{id}/frames/{frame}.{png,exr,npz,npy}`.
 pub async fn picture(
     Given(state): Given<State>,
+    caller: Caller,
     Path((id, file)): Path<(String, String)>,
     look: LookResult,
     headers: HeaderMap,
@@ -44,7 +46,7 @@ pub async fn picture(
     let (frame, format) = (parse_frame(frame)?, format.to_owned());
     state
         .blocking(move |state| {
-            let found = find(state, &id, frame)?;
+            let found = find(state, &caller, &id, frame)?;
             match &*format {
                 "png" => shown(state, &found, &look, &headers),
                 "exr" | "npz" => {
@@ -61,12 +63,13 @@ pub async fn picture(
 /// `GET /api/v1/jobs/{id}/frames/{frame}/{layer}.npy`.
 pub async fn layer(
     Given(state): Given<State>,
+    caller: Caller,
     Path((id, frame, file)): Path<(String, String, String)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let frame = parse_frame(&frame)?;
     let layer = file.strip_suffix(".npy").map(str::to_owned).ok_or_else(|| no_picture(&file))?;
-    state.blocking(move |state| array(&find(state, &id, frame)?, &layer, &headers)).await
+    state.blocking(move |state| array(&find(state, &caller, &id, frame)?, &layer, &headers)).await
 }
 
 fn parse_frame(text: &str) -> Result<u32, Problem> {
@@ -78,8 +81,8 @@ fn no_picture(file: &str) -> Problem {
 }
 
 /// A finished frame.
-fn find(state: &State, id: &str, frame: u32) -> Result<Found, Problem> {
-    let job = state.ledger().job(id)?.ok_or_else(|| Problem::missing(format!("job {id:?}")))?;
+fn find(state: &State, caller: &Caller, id: &str, frame: u32) -> Result<Found, Problem> {
+    let job = caller.job(state, id)?;
     let rows = state.ledger().frames(id)?;
     let row = rows.into_iter().find(|row| row.number == frame);
     if row.is_none() && job.is_planned {

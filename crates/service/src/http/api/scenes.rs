@@ -2,6 +2,9 @@
 
 use super::body::Pieces;
 use crate::contract::{self, Problem};
+use crate::coordinator::ledger::Charge;
+use crate::coordinator::store::Upload;
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
@@ -25,29 +28,36 @@ fn answer(sha256: &str, bytes: u64) -> Json<Value> {
 }
 
 /// `GET` and `HEAD /api/v1/scenes/{sha256}`.
-pub async fn about(Given(state): Given<State>, Path(name): Path<String>) -> Result<Json<Value>, Problem> {
+pub async fn about(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(name): Path<String>,
+) -> Result<Json<Value>, Problem> {
     let sha256 = sha256(&name)?;
     let asked = sha256.clone();
-    let bytes = state.blocking(move |state| Ok(state.ledger().scene(&asked)?)).await?;
+    let bytes = state.blocking(move |state| caller.scene(state, &asked)).await?;
     Ok(answer(&sha256, bytes.ok_or_else(|| Problem::missing("such scene; upload it with PUT"))?))
 }
 
 /// `PUT /api/v1/scenes/{sha256}`.
 pub async fn upload(
     Given(state): Given<State>,
+    caller: Caller,
     Path(name): Path<String>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
     let sha256 = sha256(&name)?;
-    let asked = sha256.clone();
-    if let Some(bytes) = state.blocking(move |state| Ok(state.ledger().scene(&asked)?)).await? {
+    // Bytes that another tenant has uploaded are read whole: who knows their hash alone does not get them.
+    let (asked, asking) = (sha256.clone(), caller.clone());
+    if let Some(bytes) = state.blocking(move |state| asking.scene(state, &asked)).await? {
         return Ok((StatusCode::OK, answer(&sha256, bytes)).into_response());
     }
     let limit = state.limits().scene_bytes;
-    let length = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse().ok());
+    let length: Option<u64> =
+        headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse().ok());
     let mut pieces = Pieces::new(&state, body, ("scene_bytes", limit));
-    if length.is_some_and(|length: u64| length > limit) {
+    if length.is_some_and(|length| length > limit) {
         return Err(pieces.refuse().await);
     }
     let most = state.limits().uploads as u64;
@@ -55,6 +65,32 @@ pub async fn upload(
         let detail = format!("{most} uploads are under way; wait for one of them");
         Problem::limit(StatusCode::TOO_MANY_REQUESTS, "uploads", most, detail)
     })?;
+    if let Some(length) = length {
+        let asking = caller.clone();
+        let charged = state.blocking(move |state| asking.charge(state, &[Charge::Bytes(length)])).await;
+        if let Err(problem) = charged {
+            pieces.refuse().await;
+            return Err(problem);
+        }
+    }
+    let upload = receive(&state, &mut pieces).await?;
+    let kept = sha256.clone();
+    let bytes = state
+        .blocking(move |state| {
+            if length.is_none() {
+                caller.charge(state, &[Charge::Bytes(upload.bytes())])?;
+            }
+            let bytes = state.store().keep(upload, &kept, state.limits())?;
+            state.ledger().keep_scene(Some(caller.tenant()), &kept, bytes)?;
+            Ok(bytes)
+        })
+        .await?;
+    metrics::counter!("raystream_uploaded_bytes_total").increment(bytes);
+    Ok((StatusCode::CREATED, answer(&sha256, bytes)).into_response())
+}
+
+/// Writes the pieces of an upload to the disk as they come.
+async fn receive(state: &State, pieces: &mut Pieces) -> Result<Upload, Problem> {
     let refused = |state: &State, error: std::io::Error| {
         state.runner().trouble.note(&format!("the data folder cannot be written: {error}"));
         contract::refused(error)
@@ -82,14 +118,5 @@ pub async fn upload(
             }
         };
     }
-    let kept = sha256.clone();
-    let bytes = state
-        .blocking(move |state| {
-            let bytes = state.store().keep(upload, &kept, state.limits())?;
-            state.ledger().keep_scene(&kept, bytes)?;
-            Ok(bytes)
-        })
-        .await?;
-    metrics::counter!("raystream_uploaded_bytes_total").increment(bytes);
-    Ok((StatusCode::CREATED, answer(&sha256, bytes)).into_response())
+    Ok(upload)
 }

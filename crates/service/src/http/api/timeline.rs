@@ -4,9 +4,9 @@
 //! coordinator, which keeps sums and writes pictures. All times are the coordinator's, so clocks of workers do not
 //! matter.
 
-use super::jobs::find;
 use crate::contract::Problem;
-use crate::coordinator::ledger::{Event, Job, Rendering};
+use crate::coordinator::ledger::{Event, EventsOf, Job, Rendering};
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use axum::Json;
 use axum::extract::{Path, State as Given};
@@ -17,14 +17,18 @@ use std::collections::BTreeMap;
 const READ: usize = 4096;
 
 /// `GET /api/v1/jobs/{id}/timeline`.
-pub async fn of_job(Given(state): Given<State>, Path(id): Path<String>) -> Result<Json<Value>, Problem> {
+pub async fn of_job(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<Value>, Problem> {
     state
         .blocking(move |state| {
-            let job = find(state, &id)?;
+            let job = caller.job(state, &id)?;
             let scene_bytes = state.ledger().scene(&job.scene)?;
             let (mut trace, mut after) = (Trace::new(&job), 0);
             loop {
-                let events = state.ledger().events(Some(&id), after, READ)?;
+                let events = state.ledger().events(EventsOf::Job(&id), after, READ)?;
                 events.iter().for_each(|event| trace.add(event));
                 match events.last() {
                     Some(last) if events.len() == READ => after = last.seq,
@@ -207,6 +211,8 @@ mod tests {
 
     fn job() -> Job {
         Job {
+            tenant: "t".into(),
+            began_ms: None,
             seq: 1,
             id: "a1".into(),
             state: JobState::Done,

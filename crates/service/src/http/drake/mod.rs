@@ -6,8 +6,10 @@ mod form;
 
 use crate::contract::Problem;
 use crate::contract::refused;
+use crate::coordinator::ledger::Charge;
 use crate::coordinator::store::Passing;
 use crate::http::api::jobs::check_demand;
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use answer::Wanted;
 use axum::body::Body;
@@ -64,6 +66,7 @@ pub fn handler() -> MethodRouter<State> {
 /// `POST /render`.
 async fn render(
     Given(state): Given<State>,
+    caller: Caller,
     Extension(bounds): Extension<Arc<Bounds>>,
     query: Result<Query<BTreeMap<String, String>>, QueryRejection>,
     headers: HeaderMap,
@@ -79,21 +82,27 @@ async fn render(
         Problem::limit(StatusCode::TOO_MANY_REQUESTS, "renders", ACCEPTED as u64, detail)
     })?;
     let (form, upload) = form::read(&state, &headers, body).await?;
-    let scene = state.blocking(move |state| state.store().pass(upload).map_err(refused)).await?;
+    let (asking, sent) = (caller.clone(), Charge::Bytes(upload.bytes()));
+    let kept = state.blocking(move |state| {
+        asking.charge(state, &[sent])?;
+        state.store().pass(upload).map_err(refused)
+    });
+    let scene = kept.await?;
     form.check_hash(&scene)?;
     let wanted = Wanted::new(&form, &headers);
     let _rendered = bounds.rendered.acquire().await;
     // A client that leaves drops this future, and the picture is given up.
     let watched = Watched::default();
     let watch = watched.watch(&state);
-    let bytes = state.blocking(move |state| draw(state, &form, options, &scene, &wanted, &watch)).await?;
+    let bytes =
+        state.blocking(move |state| draw((state, &caller), &form, options, &scene, &wanted, &watch)).await?;
     drop(watched);
     Ok(([(header::CONTENT_TYPE, bytes.0)], bytes.1).into_response())
 }
 
 /// Renders a picture. Returns its media type and its bytes.
 fn draw(
-    state: &State,
+    (state, caller): (&State, &Caller),
     form: &Form,
     options: BTreeMap<String, String>,
     scene: &Passing,
@@ -106,6 +115,7 @@ fn draw(
         .map_err(|error| Problem::unprocessable(error.to_string()))?;
     let demand = state.backend().check(&spec, path, folder).map_err(Problem::unprocessable)?;
     check_demand(state, &demand)?;
+    caller.charge(state, &[Charge::Samples(demand.samples())])?;
     let open_job = state.runner().reader.open(&spec, path, folder).map_err(Problem::unprocessable)?;
     let mut frame = open_job.sum(0, None).map_err(Problem::unprocessable)?;
     while !frame.is_complete() {

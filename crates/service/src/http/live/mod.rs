@@ -3,6 +3,7 @@
 mod socket;
 
 use crate::contract::{LiveScene, Problem, is_sha256};
+use crate::http::caller::Caller;
 use crate::http::state::State;
 use crate::live::{LiveLimits, LiveViews, TileWorkers, ViewScene};
 use axum::extract::rejection::QueryRejection;
@@ -29,6 +30,7 @@ struct Which {
 /// `GET /api/v1/live`, upgraded to a WebSocket. Host, origin and token have been checked.
 async fn live(
     Given(state): Given<State>,
+    caller: Caller,
     Extension(views): Extension<Arc<LiveViews>>,
     query: Result<Query<Which>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
@@ -37,30 +39,31 @@ async fn live(
     let upgrade = upgrade.map_err(|error| {
         Problem::malformed(format!("{}; this address is a WebSocket's", error.body_text()))
     })?;
-    let ending = state.ending();
     Ok(socket::limited(upgrade).on_upgrade(move |socket| async move {
         // A browser shows why only if it is told after the upgrade.
         // The place comes before the scene: whoever gets none has nothing read.
         let view_scene = match views.enter() {
             Err(error) => Err(error.to_string()),
             Ok(place) => {
-                match tokio::task::spawn_blocking(move || (view_scene(&state, scene), drop(place)).0).await {
+                let (state, caller) = (state.clone(), caller.clone());
+                let read = move || (view_scene(&state, &caller, scene), drop(place)).0;
+                match tokio::task::spawn_blocking(read).await {
                     Ok(view_scene) => view_scene.map_err(|problem| problem.detail().to_owned()),
                     Err(_) => Err("the scene could not be read; see the log".to_owned()),
                 }
             }
         };
-        socket::run(socket, views, view_scene, ending).await;
+        socket::run(socket, views, view_scene, (state, caller)).await;
     }))
 }
 
-/// Reads a scene, or finds it in the cache.
-fn view_scene(state: &State, scene: Option<String>) -> Result<ViewScene, Problem> {
+/// Reads a scene, or finds it in the cache. The service's own scene is a tenant's of its own, which admins see.
+fn view_scene(state: &State, caller: &Caller, scene: Option<String>) -> Result<ViewScene, Problem> {
     let scene = match scene {
         Some(scene) => Some(scene),
-        None if state.own_scene().is_some() => None,
+        None if caller.scope().is_none() && state.own_scene().is_some() => None,
         None => {
-            let newest = state.ledger().jobs(None, None, 1)?;
+            let newest = state.ledger().jobs(&caller.filter(), None, 1)?;
             let nothing = || Problem::missing("scene to show yet; drop one on the page of jobs");
             Some(newest.into_iter().next().ok_or_else(nothing)?.scene)
         }
@@ -68,7 +71,7 @@ fn view_scene(state: &State, scene: Option<String>) -> Result<ViewScene, Problem
     let (path, folder) = match (&scene, state.own_scene()) {
         (Some(sha256), _) => {
             // The name becomes a folder's.
-            if !is_sha256(sha256) || state.ledger().scene(sha256)?.is_none() {
+            if !is_sha256(sha256) || caller.scene(state, sha256)?.is_none() {
                 return Err(Problem::missing("such scene; upload it first"));
             }
             (state.store().entry(sha256, None)?, state.store().scene_folder(sha256))

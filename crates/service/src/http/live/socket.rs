@@ -1,10 +1,13 @@
 //! A live view on a WebSocket: frames as binary messages, requests and replies as JSON.
 
+use crate::http::caller::Caller;
+use crate::http::state::State;
 use crate::live::{CountedView, LiveViews, Reply, Request, ViewScene};
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Notify, watch};
+use tokio::time::Instant;
 
 /// Frames that the client has been sent and has not shown yet, at most.
 const CREDITS: usize = 2;
@@ -15,8 +18,8 @@ const MOST_BYTES: usize = raystream::program::MAX_SOURCE_BYTES + 4096;
 /// The code with which a connection is closed that gets no view.
 const REFUSED: u16 = 4001;
 
-/// The time after which a ping is sent to a silent client.
-const PING_AFTER: Duration = Duration::from_secs(15);
+/// How often a client is pinged, and its token looked at again.
+const CHECKED: Duration = Duration::from_secs(10);
 
 /// The time after which a client that does not even answer pings is given up.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(50);
@@ -31,15 +34,17 @@ pub async fn run(
     mut socket: WebSocket,
     views: Arc<LiveViews>,
     view_scene: Result<ViewScene, String>,
-    mut ending: watch::Receiver<bool>,
+    (state, caller): (State, Caller),
 ) {
+    let mut ending = state.ending();
+    let mut checks = tokio::time::interval_at(Instant::now() + CHECKED, CHECKED);
     let notify = Arc::new(Notify::new());
     let view = match open(&views, view_scene, &notify).await {
         Ok(view) => view,
         Err(reason) => return refuse(socket, reason).await,
     };
     let mut unshown: Vec<u32> = Vec::with_capacity(CREDITS);
-    let mut heard = tokio::time::Instant::now();
+    let mut heard = Instant::now();
     loop {
         while let Some(reply) = view.take_reply() {
             if send_reply(&mut socket, &reply).await.is_err() {
@@ -67,7 +72,7 @@ pub async fn run(
                 return close(view);
             }
             message = socket.recv() => {
-                heard = tokio::time::Instant::now();
+                heard = Instant::now();
                 let answered = match message {
                     Some(Ok(Message::Text(text))) => answer(&text, &views, &view, &mut unshown),
                     Some(Ok(Message::Close(_)) | Err(_)) | None => return close(view),
@@ -79,7 +84,12 @@ pub async fn run(
                     return close(view);
                 }
             }
-            () = tokio::time::sleep(PING_AFTER) => {
+            _ = checks.tick() => {
+                let asking = caller.clone();
+                if !state.blocking(move |state| asking.holds(state)).await.unwrap_or(true) {
+                    close(view);
+                    return refuse(socket, "the token has ended; log in again".into()).await;
+                }
                 let is_silent = heard.elapsed() > GIVE_UP_AFTER;
                 if is_silent || socket.send(Message::Ping(Default::default())).await.is_err() {
                     return close(view);

@@ -15,6 +15,12 @@ function element(name, attributes = {}, ...content) {
   return made;
 }
 
+/** Seconds as people say them. */
+function duration(seconds) {
+  if (seconds < 120) return `${seconds} s`;
+  return seconds < 7200 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`;
+}
+
 /** The SHA-256 of bytes in hexadecimal digits. */
 async function sha256(bytes) {
   const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
@@ -70,7 +76,8 @@ export class Jobs {
   row(job) {
     const row = this.shown.get(job.id) ?? this.newRow(job);
     const percent = Math.floor(100 * job.progress);
-    const state = job.state === "running" ? `running, ${percent} %` : job.state;
+    const left = job.left_s === null ? "" : `, ${duration(job.left_s)} left`;
+    const state = job.state === "running" ? `running, ${percent} %${left}` : job.state;
     row.state.textContent = job.error ? `${state}: ${job.error}` : state;
     row.state.dataset.state = job.state;
     row.bar.value = job.progress;
@@ -102,8 +109,11 @@ export class Jobs {
     const [cancel, retry] = [button("Cancel", steer("cancel")), button("Retry", steer("retry"))];
     const view = element("a", { href: `#live=${job.scene}` }, "View");
     const save = element("a", { href: `api/v1/jobs/${id}/frames/0.png`, download: `${id}.png`, hidden: "" }, "Picture");
-    const title = `${job.size[0]}×${job.size[1]}, ${job.spp} spp`;
-    const about = element("div", { class: "about" }, element("div", { class: "title" }, title), state, bar);
+    const size = `${job.size[0]}×${job.size[1]}, ${job.spp} spp`;
+    const words = [size, ...job.labels, new Date(job.created_ms).toLocaleString()].join(" · ");
+    const title = job.title ?? size;
+    const when = element("div", { class: "words" }, job.title ? words : words.slice(size.length + 3));
+    const about = element("div", { class: "about" }, element("div", { class: "title" }, title), when, state, bar);
     const buttons = element("div", { class: "buttons" }, view, save, cancel, retry);
     const item = element("li", { "data-testid": "job", "data-id": id }, picture, about, buttons);
     return { item, picture, bar, state, cancel, retry, save };
@@ -129,7 +139,7 @@ export class Jobs {
       bar.hidden = true;
       if (!sent.ok) return this.tell(`${file.name} was refused. ${sent.reason}`);
     }
-    const spec = { scene: hash, size: "960x540", spp: 64 };
+    const spec = { scene: hash, size: "960x540", spp: 64, title: file.name.slice(0, 200) };
     const submitted = await request("POST", "jobs", { json: spec });
     this.tell(submitted.ok ? `${file.name} is being rendered.` : `${file.name} was refused. ${submitted.reason}`);
     $("file").value = "";
