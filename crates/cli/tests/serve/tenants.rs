@@ -187,9 +187,11 @@ fn live(service: &Service, headers: &[(&str, &str)], path: &str) -> String {
         let count = stream.read(&mut piece).expect("an answer");
         bytes.extend_from_slice(&piece[..count]);
         let text = String::from_utf8_lossy(&bytes);
-        // The refusal of a view, or of a request.
-        if count == 0 || text.contains("\"refused\"") || text.contains("problem+json") && text.contains('}') {
-            return text.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned());
+        // The refusal of a view, or of a request. The end of the connection may come with it or later.
+        let is_told = text.contains("\"refused\"") || text.contains("problem+json");
+        if count == 0 || is_told && text.contains('}') {
+            let body = text.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+            return body[..body.rfind('}').map_or(body.len(), |end| end + 1)].to_owned();
         }
     }
 }
