@@ -59,7 +59,7 @@ impl Caller {
     /// Counts what the caller uses.
     ///
     /// # Errors
-    /// As for [`over_quota`]; 503 if the ledger cannot be used.
+    /// 429 or 422 beyond a quota; 503 if the ledger cannot be used.
     pub fn charge(&self, state: &State, charges: &[Charge]) -> Result<(), Problem> {
         let charged = state.ledger().charge(self.tenant(), self.quotas(), charges.to_vec())?;
         charged.map_err(over_quota)
