@@ -16,16 +16,16 @@ pub(crate) struct Eight;
 type F = [f32; 8];
 type I = [u32; 8];
 
-/// Methods that do what [`Plain`] does, some of them out of line.
+/// Methods that do what [`Plain`] does, inlined or called as an attribute says.
 macro_rules! plain {
-    ($($(#[$inline:meta])* fn $name:ident($($arg:ident: $t:ty),*) -> $out:ty;)*) => {$(
-        $(#[$inline])*
+    (#[$inline:meta] $(fn $name:ident($($arg:ident: $t:ty),*) -> $out:ty;)*) => {$(
+        #[$inline]
         fn $name(self, $($arg: $t),*) -> $out {
             Plain::<8>.$name($($arg),*)
         }
     )*};
-    ($($(#[$inline:meta])* unsafe fn $name:ident($($arg:ident: $t:ty),*) $(-> $out:ty)?;)*) => {$(
-        $(#[$inline])*
+    (#[$inline:meta] $(unsafe fn $name:ident($($arg:ident: $t:ty),*) $(-> $out:ty)?;)*) => {$(
+        #[$inline]
         unsafe fn $name(self, $($arg: $t),*) $(-> $out)? {
             // SAFETY: invariant 1.
             unsafe { Plain::<8>.$name($($arg),*) }
@@ -57,112 +57,69 @@ impl Lanes for Eight {
     plain! {
         #[inline]
         fn splat(x: f32) -> F;
+        fn splat_u32(x: u32) -> I;
+        fn bits(a: F) -> I;
+        fn from_bits(a: I) -> F;
+    }
+
+    plain! {
         #[inline(never)]
         fn add(a: F, b: F) -> F;
-        #[inline(never)]
         fn sub(a: F, b: F) -> F;
-        #[inline(never)]
         fn mul(a: F, b: F) -> F;
-        #[inline(never)]
         fn div(a: F, b: F) -> F;
-        #[inline(never)]
         fn fma(a: F, b: F, c: F) -> F;
-        #[inline(never)]
         fn fms(a: F, b: F, c: F) -> F;
-        #[inline(never)]
         fn min(a: F, b: F) -> F;
-        #[inline(never)]
         fn max(a: F, b: F) -> F;
-        #[inline(never)]
         fn sqrt(a: F) -> F;
-        #[inline(never)]
         fn floor(a: F) -> F;
-        #[inline(never)]
         fn abs(a: F) -> F;
-        #[inline(never)]
         fn neg(a: F) -> F;
-        #[inline(never)]
         fn with_sign_of(a: F, b: F) -> F;
-        #[inline(never)]
         fn max_bits(a: F, b: F) -> F;
-        #[inline(never)]
         fn min_bits(a: F, b: F) -> F;
-        #[inline(never)]
         fn lowest(a: F) -> f32;
-        #[inline(never)]
         fn highest(a: F) -> f32;
-        #[inline(never)]
         fn to_fixed(a: F, scale: f64) -> [i64; 8];
-        #[inline(never)]
         fn le(among: LaneBits, a: F, b: F) -> LaneBits;
-        #[inline(never)]
         fn eq(among: LaneBits, a: F, b: F) -> LaneBits;
-        #[inline(never)]
         fn lt(among: LaneBits, a: F, b: F) -> LaneBits;
-        #[inline(never)]
         fn le_bits(among: LaneBits, a: F, b: F) -> LaneBits;
-        #[inline(never)]
         fn lt_u32(among: LaneBits, a: I, b: I) -> LaneBits;
-        #[inline(never)]
         fn eq_u32(among: LaneBits, a: I, b: I) -> LaneBits;
-        #[inline(never)]
         fn signs(a: F) -> LaneBits;
-        #[inline(never)]
         fn select(mask: LaneBits, a: F, b: F) -> F;
-        #[inline(never)]
         fn select_u32(mask: LaneBits, a: I, b: I) -> I;
-        #[inline(never)]
         fn pack(mask: LaneBits, a: F) -> F;
-        #[inline]
-        fn splat_u32(x: u32) -> I;
-        #[inline(never)]
         fn add_u32(a: I, b: I) -> I;
-        #[inline(never)]
         fn mul_u32(a: I, b: I) -> I;
-        #[inline(never)]
         fn and_u32(a: I, b: I) -> I;
-        #[inline(never)]
         fn or_u32(a: I, b: I) -> I;
-        #[inline(never)]
         fn xor_u32(a: I, b: I) -> I;
-        #[inline(never)]
         fn shl_u32(a: I, count: u32) -> I;
-        #[inline(never)]
         fn shr_u32(a: I, count: u32) -> I;
-        #[inline(never)]
         fn reverse_u32(a: I) -> I;
-        #[inline(never)]
         fn permute_u32(a: I, order: I) -> I;
-        #[inline(never)]
         fn f32_to_u32(a: F) -> I;
-        #[inline(never)]
         fn u32_to_f32(a: I) -> F;
-        #[inline]
-        fn bits(a: F) -> I;
-        #[inline]
-        fn from_bits(a: I) -> F;
     }
 
     plain! {
         #[inline]
         unsafe fn load(from: *const f32) -> F;
-        #[inline]
         unsafe fn store(to: *mut f32, a: F);
-        #[inline]
         unsafe fn load_u32(from: *const u32) -> I;
-        #[inline]
         unsafe fn store_u32(to: *mut u32, a: I);
+    }
+
+    plain! {
         #[inline(never)]
         unsafe fn gather(from: *const u32, index: I) -> I;
-        #[inline(never)]
         unsafe fn append(to: *mut u32, mask: LaneBits, a: I);
-        #[inline(never)]
         unsafe fn rows(base: *const f32, offsets: *const u32) -> [F; 8];
-        #[inline(never)]
         unsafe fn put_rows(to: *mut f32, columns: [F; 8]);
-        #[inline(never)]
         unsafe fn put_quads(to: *mut f32, columns: [F; 4]);
-        #[inline(never)]
         unsafe fn pick(from: [*const f32; 2], index: I) -> F;
     }
 
