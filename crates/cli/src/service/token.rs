@@ -7,11 +7,10 @@ use crate::service::args::{
 use anyhow::{Context, Result, ensure};
 use raystream_service::contract::{random_hex, write_private};
 use raystream_service::coordinator::DataFolder;
-use raystream_service::coordinator::ledger::{Ledger, Quotas, Token, Usage};
+use raystream_service::coordinator::ledger::{Ledger, Quotas, Token, Usage, now_ms};
 use raystream_service::http::TOKEN_FILE;
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 const DAY_MS: i64 = 24 * 3_600_000;
 
@@ -130,8 +129,4 @@ fn file_of(data: &Path, ledger: &Ledger, name: &str) -> Result<Option<PathBuf>> 
     let Ok(text) = std::fs::read_to_string(&path) else { return Ok(None) };
     let token = ledger.token_of(&Token::hash(&text))?;
     Ok(token.is_some_and(|token| token.name == name).then_some(path))
-}
-
-fn now_ms() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
 }

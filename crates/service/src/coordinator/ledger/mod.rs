@@ -270,6 +270,6 @@ fn commit(connection: &mut Connection, batch: Vec<Change>) -> Committed {
 }
 
 /// Milliseconds since 1970.
-fn now_ms() -> i64 {
+pub fn now_ms() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
 }

@@ -3,7 +3,9 @@
 use super::{body, scenes};
 use crate::backend::JobCost;
 use crate::contract::{Problem, hex};
-use crate::coordinator::ledger::{Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals};
+use crate::coordinator::ledger::{
+    Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals, now_ms,
+};
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
 use crate::http::caller::{Caller, over_quota};
@@ -16,7 +18,6 @@ use axum::response::{IntoResponse, Response};
 use raystream::schedule::Priority;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Jobs of a list, unless a number is asked for, and at most.
 const LISTED: usize = 50;
@@ -215,8 +216,7 @@ fn answer(state: &State, caller: &Caller, id: &str, status: StatusCode) -> Resul
 /// Seconds until a job that runs has ended, if it goes on as it has so far.
 fn left_s(job: &Job, progress: f64) -> Option<u64> {
     let began_ms = job.began_ms.filter(|_| job.state == JobState::Running && progress >= LEAST_PROGRESS)?;
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?.as_millis() as f64;
-    let seconds = (now - began_ms as f64).max(0.0) / 1000.0;
+    let seconds = (now_ms() - began_ms).max(0) as f64 / 1000.0;
     Some((seconds * (1.0 - progress) / progress).ceil() as u64)
 }
 
