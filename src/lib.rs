@@ -52,6 +52,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! - `query`: Ray queries on a mesh: trees, the CPU tracer, `raystream::query`.
 //! - `render`: Scenes, shading, integrators, films and the scheduler.
 //! - `wgsl`: Shaders in WGSL.
+//! - `meshes`: Mesh files (OBJ, PLY, STL, OFF), without their textures: no crate more than `render`.
 //! - `formats`: Scene files (OBJ, glTF, PLY, recipes) and image files (PNG, EXR, HDR, NPY).
 //! - `flat`: Loaded scenes as flat files, which are mapped and not decoded.
 //! - `gpu`: The wgpu tracer. Without it raystream is a CPU renderer with the same scheduler.
@@ -66,6 +67,8 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! ```toml
 //! raystream = { version = "0.1", default-features = false, features = ["query"] }
 //! ```
+//!
+//! or `meshes` in place of `query`, if the meshes come from files.
 //!
 //! # Profiles
 //! Cargo compiles dependencies without optimisation unless the user says otherwise. raystream then works, on threads of

@@ -19,6 +19,7 @@ _Scene = _Path | Scene | Mesh | dict[str, Any]
 _Progress = Callable[[float], object]
 
 def info() -> dict[str, Any]: ...
+def load(path: _Path, *, threads: int | None = None) -> Mesh: ...
 def open(
     scene: _Scene | None = None,
     /,

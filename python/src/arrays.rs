@@ -124,17 +124,6 @@ pub fn check_memory(what: &str, items: usize, bytes_each: usize) -> PyResult<()>
     MemoryBudget::of_machine().check(what, bytes).map_err(|error| PyMemoryError::new_err(error.to_string()))
 }
 
-/// Memory for answers.
-///
-/// # Errors
-/// MemoryError if the system does not give it.
-pub fn reserved<T>(items: usize) -> PyResult<Vec<T>> {
-    let mut vector = Vec::new();
-    let refused = |_| PyMemoryError::new_err(format!("no memory for {items} answers"));
-    vector.try_reserve_exact(items).map_err(refused)?;
-    Ok(vector)
-}
-
 /// As many zeros. The system provides their pages where they are first written, by the threads that do so.
 ///
 /// # Errors

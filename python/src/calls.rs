@@ -1,14 +1,15 @@
 //! Questions: arguments in, arrays out.
 
 use crate::answers::Hits;
-use crate::arrays::{array, check_memory, leading, numbers, reserved, zeros};
+use crate::arrays::{array, check_memory, leading, numbers, zeros};
 use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
 use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
 use crate::rays::{Floats, Rays, part_of, rays_of, rows_of};
 use crate::threads::{FEW, FIRST_POINTS, FIRST_RAYS, Threads};
+use bytemuck::allocation::cast_vec;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use raystream_rays::query::{self, Hemisphere, HitLists, Points, RayQueries, Rule, WorldHit};
+use raystream_rays::query::{self, Hemisphere, HitListColumns, Points, RayQueries, Rule};
 
 /// An argument that may be left out.
 pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
@@ -122,86 +123,63 @@ impl<'py> RayCall<'_, 'py> {
         want: Want,
         most: Option<usize>,
     ) -> PyResult<Hits> {
-        let (rays, rule, most) = (&self.rays, self.rule, most.unwrap_or(usize::MAX));
-        check_memory("an answer", rays.len(), size_of::<i64>())?;
-        let (all, mut lists) = (rays.all()?, Lists::new(want, rays.len())?);
-        Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
-            // So few at a time that their hits stay in a cache until they are columns.
+        let (count, rule, most) = (self.rays.len(), self.rule, most.unwrap_or(usize::MAX));
+        check_memory("an answer", count, size_of::<i64>())?;
+        let (all, mut columns) = (self.rays.all()?, list_columns(&want));
+        let bytes = want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
+        Threads::new(self.threads, count, FEW)?.in_blocks(py, count, FIRST_RAYS, |block| {
             let length = LISTED_RAYS * rayon::current_num_threads();
             for first in block.clone().step_by(length) {
-                let some = first..block.end.min(first + length);
-                let found = asked.list_hits(&rays_of(&all, some), rule, most);
-                lists.add(first, &found.map_err(|error| PyMemoryError::new_err(error.to_string()))?)?;
+                let some = rays_of(&all, first..block.end.min(first + length));
+                let appended = asked.append_hits(&some, rule, most, &mut columns);
+                appended.map_err(|error| PyMemoryError::new_err(error.to_string()))?;
+                check_memory("the list of hits", columns.len(), bytes)?;
+                if columns.offsets.len() <= count {
+                    columns.expect_rays(count);
+                }
             }
             Ok(())
         })?;
-        lists.into_hits(py)
+        lists_of(py, columns)
     }
 }
 
-/// Number of rays whose hits one thread lists before they become columns.
+/// Number of rays whose hits one thread lists before memory is looked at.
 const LISTED_RAYS: usize = 1 << 14;
 
-/// All hits of all rays, as columns.
-struct Lists {
-    want: Want,
-    offsets: Vec<i64>,
-    ray: Vec<i64>,
-    t: Vec<f32>,
-    primitive: Vec<i32>,
-    instance: Vec<i32>,
-    uv: Vec<f32>,
+/// The columns of lists that are wanted, empty.
+fn list_columns(want: &Want) -> HitListColumns {
+    HitListColumns {
+        offsets: vec![0],
+        ray: Some(Vec::new()),
+        t: want.has("t").then(Vec::new),
+        primitive: want.has("primitive").then(Vec::new),
+        instance: want.has("instance").then(Vec::new),
+        uv: want.has("uv").then(Vec::new),
+    }
 }
 
-impl Lists {
-    fn new(want: Want, rays: usize) -> PyResult<Self> {
-        let mut offsets = reserved(rays + 1)?;
-        offsets.push(0);
-        let (ray, t, primitive, instance, uv) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { want, offsets, ray, t, primitive, instance, uv })
+/// An answer of lists.
+fn lists_of(py: Python<'_>, columns: HitListColumns) -> PyResult<Hits> {
+    let (hits, HitListColumns { offsets, ray, t, primitive, instance, uv }) = ([columns.len()], columns);
+    let (offsets, rays): (Vec<i64>, _) = (cast_vec(offsets), ray.unwrap_or_default());
+    let rows = [offsets.len()];
+    let mut arrays = vec![
+        ("offsets", array(py, offsets, &rows, 1)?),
+        ("ray", array(py, cast_vec::<u64, i64>(rays), &hits, 1)?),
+    ];
+    if let Some(t) = t {
+        arrays.push(("t", array(py, t, &hits, 1)?));
     }
-
-    /// Adds the hits of a block of rays.
-    fn add(&mut self, first: usize, found: &HitLists) -> PyResult<()> {
-        let (before, hits) = (self.ray.len(), &found.hits);
-        let bytes = self.want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
-        check_memory("the list of hits", before + hits.len(), bytes)?;
-        self.offsets.extend(found.offsets[1..].iter().map(|&offset| (before + offset) as i64));
-        for (ray, ends) in (first as i64..).zip(found.offsets.windows(2)) {
-            self.ray.extend(std::iter::repeat_n(ray, ends[1] - ends[0]));
+    for (name, ids) in [("primitive", primitive), ("instance", instance)] {
+        if let Some(ids) = ids {
+            arrays.push((name, array(py, cast_vec::<u32, i32>(ids), &hits, 1)?));
         }
-        fn column<T>(wanted: bool, column: &mut Vec<T>, hits: &[WorldHit], number: impl Fn(&WorldHit) -> T) {
-            if wanted {
-                column.extend(hits.iter().map(number));
-            }
-        }
-        column(self.want.has("t"), &mut self.t, hits, |hit| hit.t);
-        column(self.want.has("primitive"), &mut self.primitive, hits, |hit| hit.primitive.cast_signed());
-        column(self.want.has("instance"), &mut self.instance, hits, |hit| hit.instance.cast_signed());
-        if self.want.has("uv") {
-            self.uv.extend(hits.iter().flat_map(|hit| [hit.u, hit.v]));
-        }
-        Ok(())
     }
-
-    fn into_hits(self, py: Python<'_>) -> PyResult<Hits> {
-        let (want, hits, rays) = (self.want, [self.ray.len()], [self.offsets.len()]);
-        let mut columns =
-            vec![("offsets", array(py, self.offsets, &rays, 1)?), ("ray", array(py, self.ray, &hits, 1)?)];
-        if want.has("t") {
-            columns.push(("t", array(py, self.t, &hits, 1)?));
-        }
-        if want.has("primitive") {
-            columns.push(("primitive", array(py, self.primitive, &hits, 1)?));
-        }
-        if want.has("instance") {
-            columns.push(("instance", array(py, self.instance, &hits, 1)?));
-        }
-        if want.has("uv") {
-            columns.push(("uv", array(py, self.uv, &hits, 2)?));
-        }
-        Ok(Hits::of(columns))
+    if let Some(uv) = uv {
+        arrays.push(("uv", array(py, uv.into_flattened(), &hits, 2)?));
     }
+    Ok(Hits::of(arrays))
 }
 
 impl<'a, 'py> PointCall<'a, 'py> {

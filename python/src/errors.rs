@@ -3,7 +3,7 @@
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use raystream::memory::OutOfMemory;
-use raystream::picture::with_causes;
+use raystream::picture::{SpecError, with_causes};
 use raystream::scene::load::{LoadError, LoadProblem};
 use std::io;
 
@@ -20,7 +20,8 @@ pub fn raised(error: &anyhow::Error) -> PyErr {
         Some(LoadProblem::Read { source, .. }) => Some(source),
         _ => error.chain().find_map(|cause| cause.downcast_ref::<io::Error>()),
     };
-    match system.map(io::Error::raw_os_error) {
+    let of_spec = || error.chain().find_map(|cause| cause.downcast_ref::<SpecError>()?.os_error());
+    match system.map(io::Error::raw_os_error).or_else(|| of_spec().map(Some)) {
         Some(Some(number)) => PyOSError::new_err((number, told)),
         Some(None) => PyOSError::new_err(told),
         None => PyValueError::new_err(told),

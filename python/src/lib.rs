@@ -65,6 +65,7 @@ fn _raystream(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("simd", SimdLevel::detect().to_string())?;
     module.add_function(wrap_pyfunction!(calls::hemisphere, module)?)?;
     module.add_function(wrap_pyfunction!(info, module)?)?;
+    module.add_function(wrap_pyfunction!(mesh::load, module)?)?;
     module.add_function(wrap_pyfunction!(rendering::open, module)?)?;
     module.add_function(wrap_pyfunction!(rendering::render, module)?)?;
     module.add_class::<picture::Picture>()?;

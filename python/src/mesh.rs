@@ -2,15 +2,19 @@
 
 use crate::arrays::{Numbers, exactly, integers, leading, numbers};
 use crate::calls::{Given, PointCall};
+use crate::errors::raised;
 use crate::queries::Queries;
 use crate::rays::{Floats, rows_of};
 use crate::target::{MeshTarget, Target, Vertices};
 use crate::threads::Threads;
+use glam::Vec3;
 use numpy::{Element, PyArray, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use raystream::scene::load::{LoadOptions, load_with};
 use raystream_rays::query::{self, OpenMesh};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A triangle mesh that answers questions about rays and points.
@@ -274,6 +278,31 @@ impl Mesh {
         let target = Self::of(slf)?;
         Ok(format!("Mesh({} vertices, {} triangles)", target.vertices.len(), target.faces.len()))
     }
+}
+
+/// The triangles of a file as one mesh: .obj, .ply, .stl, .off, .gltf, .glb or a recipe, .json. Row i of its faces is
+/// triangle i of `raystream render`'s scene: those of the file in their order, with instances written out. Vertices are
+/// float32, `normals` those of the file. Textures that are missing do not matter.
+///
+/// FileNotFoundError and its like if the file cannot be read, ValueError with the place for what is wrong in it.
+#[pyfunction]
+#[pyo3(signature = (path, *, threads=None))]
+pub fn load(py: Python<'_>, path: PathBuf, threads: Option<usize>) -> PyResult<Py<Mesh>> {
+    let target = Threads::new(threads, usize::MAX, 0)?.run(py, || loaded(&path));
+    Mesh::from_target(py, target.map_err(|error| raised(&error))?)
+}
+
+fn loaded(path: &Path) -> anyhow::Result<MeshTarget> {
+    let scene = load_with(path, &LoadOptions::default().with_allow_missing(true))?;
+    for warning in &scene.warnings {
+        log::warn!("{}: {warning}", path.display());
+    }
+    let rows = |vectors: &[Vec3]| Arc::new(bytemuck::cast_slice::<Vec3, [f32; 3]>(vectors).to_vec());
+    let (vertices, faces) = (rows(&scene.mesh.positions), Arc::new(scene.mesh.triangles.clone()));
+    let normals = (!scene.mesh.normals.is_empty()).then(|| rows(&scene.mesh.normals));
+    let mesh = query::Mesh::build(&vertices, &faces)?;
+    let vertices = Vertices::F32(vertices);
+    Ok(MeshTarget { mesh, vertices, faces, attributes: None, normals, open_edges: None })
 }
 
 /// A defect of geometry as Python's error.

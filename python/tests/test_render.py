@@ -206,6 +206,7 @@ class Errors(unittest.TestCase):
 
     def test_files_and_memory_have_their_own_errors(self):
         self.assertIn("nowhere.glb", self.told(FileNotFoundError, "nowhere.glb"))
+        self.assertIn("nowhere.toml", self.told(FileNotFoundError, options="nowhere.toml"))
         self.assertIn("unknown file extension", self.told(ValueError, "a.xyz"))
         self.assertIn("memory", self.told(MemoryError, CORNELL, size=(16384, 16384), aov=LARGE))
         picture = rs.render(BALL, **sized())

@@ -238,7 +238,7 @@ impl Mesh {
 
 impl Mesh {
     /// Checks that colours are from 0 to 1.
-    #[cfg(feature = "formats")]
+    #[cfg(feature = "meshes")]
     pub(super) fn check_colours(&self) -> Result<(), MeshError> {
         let is_inside = |colour: &Vec4| (colour.cmpge(Vec4::ZERO) & colour.cmple(Vec4::ONE)).all();
         let Some(vertex) = first_outside(&self.colours, is_inside) else { return Ok(()) };

@@ -22,13 +22,13 @@ mod footprint;
 pub mod generate;
 mod instance;
 mod light;
-#[cfg(feature = "formats")]
+#[cfg(feature = "meshes")]
 pub mod load;
 mod material;
 mod material_edit;
 mod medium;
 mod mesh;
-#[cfg(feature = "formats")]
+#[cfg(feature = "meshes")]
 mod mesh_size;
 mod mip_weights;
 mod mipmap;
@@ -75,7 +75,7 @@ pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scal
 pub use material_edit::{MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
-#[cfg(feature = "formats")]
+#[cfg(feature = "meshes")]
 pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;

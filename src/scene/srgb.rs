@@ -16,7 +16,7 @@ fn light(v: f64) -> f32 {
 }
 
 /// A colour of floats as linear light, with its alpha. Components are clamped to 0..=1, and NaN counts as 0.
-#[cfg(feature = "formats")]
+#[cfg(feature = "meshes")]
 pub(super) fn decoded(colour: [f32; 4]) -> glam::Vec4 {
     // The comparison fails for NaN.
     let [r, g, b, alpha] = colour.map(|value| if value > 0.0 { value.min(1.0) } else { 0.0 });

@@ -42,19 +42,19 @@ pub fn file_entries(path: &Path, text: &str) -> Result<Vec<FileEntry>, SpecError
         Some("json") => serde_json::from_str(text).map_err(|error| {
             let told = error.to_string();
             let told = told.split(" at line ").next().unwrap_or_default();
-            SpecError(format!("{name}:{}:{}: not JSON: {told}", error.line(), error.column()))
+            SpecError::new(format!("{name}:{}:{}: not JSON: {told}", error.line(), error.column()))
         })?,
         Some("toml") => toml::from_str(text).map_err(|error| {
             let start = error.span().map_or(0, |span| span.start);
-            SpecError(format!("{name}:{}: not TOML: {}", place_at(text, start), error.message()))
+            SpecError::new(format!("{name}:{}: not TOML: {}", place_at(text, start), error.message()))
         })?,
         _ => {
             let wrong = format!("{name}: unknown file extension; the name must end in .toml or .json");
-            return Err(SpecError(wrong));
+            return Err(SpecError::new(wrong));
         }
     };
     let Value::Object(options) = value else {
-        return Err(SpecError(format!("{name}:1:1: write an object whose keys are names of options")));
+        return Err(SpecError::new(format!("{name}:1:1: write an object whose keys are names of options")));
     };
     let entry = |(name, value): (String, Value)| {
         let place = place_of(text, &name);
@@ -72,11 +72,13 @@ impl RenderSpec {
     /// column.
     pub fn read(path: &Path) -> Result<Self, SpecError> {
         let name = path.display();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| SpecError(format!("{name}: cannot be read: {error}")))?;
+        let text = std::fs::read_to_string(path).map_err(|error| SpecError {
+            told: format!("{name}: cannot be read: {error}"),
+            os_error: error.raw_os_error(),
+        })?;
         let mut spec = Self::default();
         for FileEntry { name: key, value, place } in file_entries(path, &text)? {
-            spec.set(&key, &value).map_err(|error| SpecError(format!("{name}:{place}: {error}")))?;
+            spec.set(&key, &value).map_err(|error| SpecError::new(format!("{name}:{place}: {error}")))?;
         }
         spec.within(path.parent().unwrap_or(Path::new("")))
     }

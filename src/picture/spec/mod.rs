@@ -110,8 +110,23 @@ spec_group! {
 
 /// A reason to refuse a render spec.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct SpecError(String);
+#[error("{told}")]
+pub struct SpecError {
+    told: String,
+    os_error: Option<i32>,
+}
+
+impl SpecError {
+    fn new(told: String) -> Self {
+        Self { told, os_error: None }
+    }
+
+    /// The system's number of the error for which the spec's file could not be read, as
+    /// [`std::io::Error::raw_os_error`] has it.
+    pub fn os_error(&self) -> Option<i32> {
+        self.os_error
+    }
+}
 
 /// Options that exclude others.
 const EXCLUSIVE: &[(&str, &[&str])] = &[
@@ -146,8 +161,8 @@ impl RenderSpec {
     pub fn set(&mut self, name: &str, value: &Value) -> Result<(), SpecError> {
         match SpecGroup::set(self, name, value) {
             Some(Ok(())) => Ok(()),
-            Some(Err(why)) => Err(SpecError(format!("{name}: {why}"))),
-            None => Err(SpecError(unknown(name))),
+            Some(Err(why)) => Err(SpecError::new(format!("{name}: {why}"))),
+            None => Err(SpecError::new(unknown(name))),
         }
     }
 
@@ -186,14 +201,14 @@ impl RenderSpec {
         let is_given = |name: &str| given.contains(&name);
         for (option, others) in EXCLUSIVE.iter().filter(|(option, _)| is_given(option)) {
             if let Some(other) = others.iter().find(|other| is_given(other)) {
-                return Err(SpecError(format!(
+                return Err(SpecError::new(format!(
                     "--{option} cannot be used with --{other}; leave one of them out"
                 )));
             }
         }
         for (option, needed) in DEPENDENT.iter().filter(|(option, _)| is_given(option)) {
             if !is_given(needed) {
-                return Err(SpecError(format!(
+                return Err(SpecError::new(format!(
                     "--{option} is used with --{needed}; add it, or leave --{option} out"
                 )));
             }
@@ -246,7 +261,7 @@ impl RenderSpec {
         mut path: impl FnMut(&'static str, &Path) -> Result<PathBuf, E>,
     ) -> Result<(), E> {
         let text = |path: PathBuf| {
-            let refused = |path: std::ffi::OsString| SpecError(format!("{}: not UTF-8", path.display()));
+            let refused = |path: std::ffi::OsString| SpecError::new(format!("{}: not UTF-8", path.display()));
             path.into_os_string().into_string().map_err(refused)
         };
         if let Some(file) = self.integrator_file() {
@@ -304,23 +319,8 @@ fn unknown(name: &str) -> String {
 /// The name that differs least from one that may be mistyped, if any is near.
 fn near<'a>(name: &str, names: &[&'a str]) -> Option<&'a str> {
     let most = (name.len() / 3).max(1).min(name.len().saturating_sub(1));
-    let distances = names.iter().map(|&known| (differences(name, known), known));
+    let distances = names.iter().map(|&known| (strsim::levenshtein(name, known), known));
     distances.filter(|&(distance, _)| distance <= most).min().map(|(_, known)| known)
-}
-
-/// Characters to insert, leave out or replace in one text to get the other (Levenshtein 1966).
-fn differences(from: &str, to: &str) -> usize {
-    let to: Vec<char> = to.chars().collect();
-    let mut row: Vec<usize> = (0..=to.len()).collect();
-    for (i, a) in from.chars().enumerate() {
-        let mut before = std::mem::replace(&mut row[0], i + 1);
-        for (j, b) in to.iter().enumerate() {
-            let replaced = before + usize::from(a != *b);
-            before = row[j + 1];
-            row[j + 1] = replaced.min(before + 1).min(row[j] + 1);
-        }
-    }
-    row[to.len()]
 }
 
 impl Serialize for RenderSpec {

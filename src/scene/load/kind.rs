@@ -24,7 +24,11 @@ struct Members {
 
 impl Kind {
     /// The extensions of file names, for messages.
-    pub(super) const EXTENSIONS: &str = ".obj, .gltf, .glb, .ply, .stl, .off or .json";
+    pub(super) const EXTENSIONS: &str = if cfg!(feature = "formats") {
+        ".obj, .gltf, .glb, .ply, .stl, .off or .json"
+    } else {
+        ".obj, .ply, .stl or .off"
+    };
 
     /// The kind that the extension of a file name tells, in any case of letters.
     pub(super) fn of_name(path: &Path) -> Option<Self> {

@@ -7,13 +7,35 @@
 //! that is not finite are dropped, with a warning. No input makes a loader panic, or take more memory than
 //! [`LoadOptions::with_memory`] allows: large things are counted before they are allocated. The file that the caller
 //! names may be a pipe; what a scene names must be a regular file.
+//!
+//! With the feature `meshes` alone OBJ, PLY, STL and OFF are read, for ray queries as well: an OBJ file without its
+//! materials, and no images.
+//!
+//! ```
+//! use raystream::query;
+//! use raystream::scene::load;
+//!
+//! # let folder = std::env::temp_dir().join(format!("raystream-load-{}", std::process::id()));
+//! # std::fs::create_dir_all(&folder)?;
+//! # let path = folder.join("triangle.obj");
+//! # std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")?;
+//! let scene = load::load(&path)?;
+//! let mesh = query::Mesh::build(&scene.mesh.positions, &scene.mesh.triangles)?;
+//! assert!(mesh.occluded_one(&query::Ray::new([0.2, 0.2, 1.0], [0.0, 0.0, -1.0])));
+//! # std::fs::remove_dir_all(&folder)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+#[cfg(feature = "formats")]
 mod decode;
 mod dropped;
+#[cfg(feature = "formats")]
 mod environment;
 mod error;
+#[cfg(feature = "formats")]
 mod gltf;
 mod kind;
+#[cfg(feature = "formats")]
 mod named;
 mod obj;
 mod off;
@@ -22,24 +44,29 @@ mod plain;
 mod ply;
 mod session;
 mod stl;
+#[cfg(feature = "formats")]
 mod textures;
 mod warnings;
 
+#[cfg(feature = "formats")]
 pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with};
 pub use error::{LoadError, LoadProblem};
 pub use options::LoadOptions;
 pub use plain::scene_of_mesh;
 
-#[cfg(doc)]
+#[cfg(all(doc, feature = "formats"))]
 use super::EnvironmentMap;
 use super::Scene;
+#[cfg(feature = "formats")]
 use super::recipe::{Recipe, RecipeError};
 use crate::memory::OutOfMemory;
 use kind::Kind;
 use session::Session;
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+#[cfg(feature = "formats")]
+use std::path::PathBuf;
 
 /// [`load_with`] with the default options.
 ///
@@ -108,11 +135,20 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
     }
     let mut scene = match kind {
         Kind::Obj => obj::load(session),
+        #[cfg(feature = "formats")]
         Kind::Gltf => gltf::load(session),
         Kind::Ply => ply::load(session),
         Kind::Stl => stl::load(session),
         Kind::Off => off::load(session),
+        #[cfg(feature = "formats")]
         Kind::Recipe => recipe(session),
+        #[cfg(not(feature = "formats"))]
+        Kind::Gltf | Kind::Recipe => Err(LoadProblem::File {
+            path: path.clone(),
+            problem:
+                "this build reads OBJ, PLY, STL and OFF alone; glTF and recipes need the feature `formats`"
+                    .into(),
+        }),
     }?;
     if scene.mesh.triangles.is_empty() {
         return Err(LoadProblem::Empty { path, reasons: session.warnings.list().to_vec() });
@@ -128,6 +164,7 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
 }
 
 /// Loads a recipe and generates its scene.
+#[cfg(feature = "formats")]
 fn recipe(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
     let bytes = session.read()?;
@@ -167,6 +204,7 @@ fn read(path: &Path, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
 
 /// Reads the first `most` bytes of a file that a scene names. It must be a regular file: others may never end, or
 /// wait for a writer.
+#[cfg(feature = "formats")]
 fn read_named(path: &Path, most: u64, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
     let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
     let about = std::fs::metadata(path).map_err(cannot)?;
@@ -215,6 +253,7 @@ fn check_text(path: &Path, bytes: &[u8]) -> Result<(), LoadProblem> {
 }
 
 /// Resolves a name in `file` relative to the file's folder. Either slash separates folders.
+#[cfg(feature = "formats")]
 fn beside(file: &Path, name: &str) -> PathBuf {
     let name = name.replace('\\', "/");
     file.parent().unwrap_or(Path::new("")).join(name)

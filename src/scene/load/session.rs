@@ -1,7 +1,9 @@
 //! State that the parts of a loader share while one scene is loaded.
 
+#[cfg(feature = "formats")]
+use super::read_named;
 use super::warnings::Warnings;
-use super::{LoadOptions, LoadProblem, read, read_named};
+use super::{LoadOptions, LoadProblem, read};
 use crate::memory::OutOfMemory;
 use crate::scene::{Mesh, MeshSize};
 use std::path::{Path, PathBuf};
@@ -45,6 +47,7 @@ impl Session {
     ///
     /// # Errors
     /// When it cannot be read, is no regular file, or is too large for the budget.
+    #[cfg(feature = "formats")]
     pub(super) fn read_named(&mut self, path: &Path, most: u64) -> Result<Vec<u8>, LoadProblem> {
         if !self.options.allows(path) {
             let problem = "it lies outside the folder of the scene's files";
@@ -92,6 +95,7 @@ impl Session {
     ///
     /// # Errors
     /// The problem itself, unless the options allow textures to be missing.
+    #[cfg(feature = "formats")]
     pub(super) fn missing(&mut self, problem: LoadProblem) -> Result<(), LoadProblem> {
         if !self.options.allow_missing {
             return Err(problem);

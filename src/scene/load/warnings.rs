@@ -27,6 +27,7 @@ impl Warnings {
     }
 
     /// Clamps a value to `low..=high`, with a warning if it is outside.
+    #[cfg(feature = "formats")]
     pub(super) fn clamp(&mut self, what: impl std::fmt::Display, value: f32, low: f32, high: f32) -> f32 {
         // NaN becomes `low`.
         let clamped = if value >= low { value.min(high) } else { low };

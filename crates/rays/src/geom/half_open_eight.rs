@@ -2,22 +2,22 @@
 //! [`super::HalfOpenRay::crossing`] has it.
 
 use super::half_open::{Determinants, LARGEST_ERROR};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// Number of pairs.
 const EIGHT: usize = 8;
 
-/// A vector for each pair, as columns.
-type Vectors = [[f32; EIGHT]; 3];
-
-/// Eight rays, each with a triangle.
-#[derive(Clone, Debug, Default)]
+/// Eight rays, each with a triangle, in columns: a number of each pair.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct EightPairs {
-    origins: Vectors,
-    directions: Vectors,
-    corners: [Vectors; 3],
-    t_min: [f32; EIGHT],
-    t_max: [f32; EIGHT],
+    pub origins: [[f32; EIGHT]; 3],
+    pub directions: [[f32; EIGHT]; 3],
+    /// As `[corner][axis]`.
+    pub corners: [[[f32; EIGHT]; 3]; 3],
+    /// Where the interval begins in which crossings count. It does not belong to it.
+    pub t_min: [f32; EIGHT],
+    /// Where it ends.
+    pub t_max: [f32; EIGHT],
 }
 
 /// What is known of a pair.
@@ -32,7 +32,7 @@ pub enum Verdict {
 }
 
 /// The crossings of eight pairs.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct EightCrossings {
     /// Ray parameter of each that crosses.
     pub t: [f64; EIGHT],
@@ -44,39 +44,13 @@ pub struct EightCrossings {
 }
 
 impl EightPairs {
-    /// Sets a pair: a ray's origin and direction, and the interval in which its crossings count. The interval's
-    /// beginning does not belong to it.
-    ///
-    /// # Panics
-    /// If there is no such pair.
-    #[inline(always)]
-    pub fn set(
-        &mut self,
-        pair: usize,
-        origin: [f32; 3],
-        direction: [f32; 3],
-        [t_min, t_max]: [f32; 2],
-        corners: &[Vec3; 3],
-    ) {
-        for axis in 0..3 {
-            self.origins[axis][pair] = origin[axis];
-            self.directions[axis][pair] = direction[axis];
-        }
-        for (columns, corner) in self.corners.iter_mut().zip(corners) {
-            columns[0][pair] = corner.x;
-            columns[1][pair] = corner.y;
-            columns[2][pair] = corner.z;
-        }
-        (self.t_min[pair], self.t_max[pair]) = (t_min, t_max);
-    }
-
     /// The crossings. All pairs are computed by the same operations, without branches: several at a time, where the
     /// caller is compiled for instructions that do so.
     #[inline(always)]
     pub fn crossings(&self) -> EightCrossings {
         let mut found = EightCrossings::default();
         for pair in 0..EIGHT {
-            let vector = |of: &Vectors| {
+            let vector = |of: &[[f32; EIGHT]; 3]| {
                 DVec3::new(f64::from(of[0][pair]), f64::from(of[1][pair]), f64::from(of[2][pair]))
             };
             let corners = [vector(&self.corners[0]), vector(&self.corners[1]), vector(&self.corners[2])];
@@ -126,6 +100,22 @@ impl EightCrossings {
 mod tests {
     use super::*;
     use crate::geom::{HalfOpenRay, mix};
+    use glam::Vec3;
+
+    fn set(
+        pairs: &mut EightPairs,
+        pair: usize,
+        [origin, direction]: [Vec3; 2],
+        [t_min, t_max]: [f32; 2],
+        corners: &[Vec3; 3],
+    ) {
+        for axis in 0..3 {
+            pairs.origins[axis][pair] = origin[axis];
+            pairs.directions[axis][pair] = direction[axis];
+            (0..3).for_each(|corner| pairs.corners[corner][axis][pair] = corners[corner][axis]);
+        }
+        (pairs.t_min[pair], pairs.t_max[pair]) = (t_min, t_max);
+    }
 
     /// In [-1, 1), in steps of an eighth for some, so that rays meet edges and corners.
     fn vector(i: u32, k: u32) -> Vec3 {
@@ -153,7 +143,7 @@ mod tests {
                 };
                 let direction = if i.is_multiple_of(5) { vector(i, 12) } else { target - origin };
                 let range = [[0.0, f32::INFINITY], [-1.0, 1.0], [1.0, 2.0], [0.5, 1.5]][i as usize / 7 % 4];
-                pairs.set(pair, origin.to_array(), direction.to_array(), range, &corners);
+                set(&mut pairs, pair, [origin, direction], range, &corners);
                 let [t_min, t_max] = range.map(f64::from);
                 let ray = HalfOpenRay::new(origin.as_dvec3(), direction.as_dvec3(), t_min, t_max);
                 rays.push(ray.crossing(corners));

@@ -31,7 +31,7 @@ pub(crate) use expansion::Expansion;
 pub(crate) use half_open::is_on_triangle;
 #[doc(hidden)]
 pub use half_open::{Crossing, HalfOpenRay};
-pub(crate) use half_open_eight::{EightPairs, Verdict};
+pub(crate) use half_open_eight::{EightCrossings, EightPairs, Verdict};
 pub use placement::{Placement, PlacementError};
 pub use sampler::Sampler;
 #[doc(hidden)]

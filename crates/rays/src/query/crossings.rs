@@ -3,10 +3,10 @@
 use super::rays::{ExactRay, Rays};
 use super::target::Target;
 use crate::bvh::WIDTH;
-use crate::geom::{Crossing, EightPairs, Verdict};
+use crate::geom::{Crossing, EightCrossings, EightPairs, Verdict};
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
 use crate::stream::{Hit, Ray};
-use crate::trace::cpu::{Candidate, MAX_BATCH, Tally, TriangleSink};
+use crate::trace::cpu::{Candidate, CandidateColumns, MAX_BATCH, Tally, TriangleSink};
 use glam::{DVec3, Vec3};
 use std::cell::Cell;
 
@@ -53,7 +53,10 @@ impl TriangleSink for Counter<'_> {
 struct Lister<'a, F> {
     rays: &'a [Ray],
     level: SimdLevel,
+    columns: &'a mut CandidateColumns,
     list: F,
+    /// False when no more are wanted.
+    more: bool,
 }
 
 impl<F: FnMut(&[(u32, Hit)]) -> bool> Lister<'_, F> {
@@ -62,60 +65,105 @@ impl<F: FnMut(&[(u32, Hit)]) -> bool> Lister<'_, F> {
         let ray = ExactRay::of(&self.rays[ray]);
         ray.exact.crossing(corners).map(|crossing| ray.hit(&crossing, primitive))
     }
+
+    /// The same of a candidate in the columns.
+    #[cold]
+    #[inline(never)]
+    fn exact_hit(&self, index: usize) -> Option<Hit> {
+        let columns = &self.columns;
+        let corner = |k: usize| {
+            let [x, y, z] = &columns.corners[k];
+            Vec3::new(x[index], y[index], z[index])
+        };
+        let corners = [corner(0), corner(1), corner(2)];
+        self.hit(&Candidate {
+            ray: columns.rays[index] as usize,
+            primitive: columns.primitives[index],
+            corners,
+        })
+    }
 }
 
 impl<F: FnMut(&[(u32, Hit)]) -> bool> TriangleSink for Lister<'_, F> {
     fn take(&mut self, candidate: &Candidate) -> f32 {
-        let mut limit = [0.0];
-        self.take_all(std::slice::from_ref(candidate), &mut limit);
-        limit[0]
+        if self.more
+            && let Some(hit) = self.hit(candidate)
+        {
+            self.more = (self.list)(&[(candidate.ray as u32, hit)]);
+        }
+        if self.more { f32::INFINITY } else { -1.0 }
     }
 
-    fn take_all(&mut self, candidates: &[Candidate], limits: &mut [f32]) {
-        let more = self.level.run(Listed { lister: self, candidates });
-        limits.fill(if more { f32::INFINITY } else { -1.0 });
+    fn columns(&mut self) -> Option<&mut CandidateColumns> {
+        Some(self.columns)
+    }
+
+    fn take_columns(&mut self) {
+        if self.more {
+            self.level.run(Listed { lister: self });
+        }
     }
 }
 
-/// [`Lister::take_all`], eight candidates at a time.
+/// [`Lister::take_columns`], eight candidates at a time.
 struct Listed<'a, 'b, F> {
     lister: &'a mut Lister<'b, F>,
-    candidates: &'a [Candidate],
 }
 
 impl<F: FnMut(&[(u32, Hit)]) -> bool> LaneTask for Listed<'_, '_, F> {
-    type Output = bool;
+    type Output = ();
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn run<L: Lanes>(self, _: L) -> bool {
-        let Self { lister, candidates } = self;
-        let (mut pairs, mut hits, mut more) = (EightPairs::default(), [(0, Hit::NONE); WIDTH], true);
-        for first in (0..candidates.len()).step_by(WIDTH) {
-            let some = &candidates[first..candidates.len().min(first + WIDTH)];
-            for (pair, candidate) in some.iter().enumerate() {
-                let Ray { origin, direction, t_min, t_max } = lister.rays[candidate.ray];
-                pairs.set(pair, origin, direction, [t_min, t_max], &candidate.corners);
-            }
-            let (found, mut len) = (pairs.crossings(), 0);
-            for (pair, candidate) in some.iter().enumerate() {
-                let hit = match found.verdict(pair) {
-                    Verdict::Misses => continue,
-                    Verdict::Open => match lister.hit(candidate) {
-                        Some(hit) => hit,
-                        None => continue,
-                    },
-                    Verdict::Crosses => {
-                        let (t, u, v) = (found.t[pair] as f32, found.u[pair], found.v[pair]);
-                        Hit { t, u, v, primitive: candidate.primitive }
-                    }
-                };
-                hits[len] = (candidate.ray as u32, hit);
-                len += 1;
-            }
-            more &= (lister.list)(&hits[..len]);
+    fn run<L: Lanes>(self, _: L) {
+        let lister = self.lister;
+        let columns = &*lister.columns;
+        let mut found = [EightCrossings::default(); MAX_BATCH / WIDTH];
+        for (block, found) in found.iter_mut().enumerate().take(columns.len.div_ceil(WIDTH)) {
+            *found = pairs_of(columns, WIDTH * block).crossings();
         }
-        more
+        // What was stored as vectors is read as numbers only now, when it has reached the cache.
+        let (mut hits, mut len) = ([(0, Hit::NONE); MAX_BATCH], 0);
+        for index in 0..columns.len {
+            let (of, pair) = (&found[index / WIDTH], index % WIDTH);
+            let primitive = columns.primitives[index];
+            let hit = match of.verdict(pair) {
+                Verdict::Misses => continue,
+                Verdict::Crosses => Hit { t: of.t[pair] as f32, u: of.u[pair], v: of.v[pair], primitive },
+                Verdict::Open => match lister.exact_hit(index) {
+                    Some(hit) => hit,
+                    None => continue,
+                },
+            };
+            hits[len] = (columns.rays[index], hit);
+            len += 1;
+        }
+        lister.more = (lister.list)(&hits[..len]);
     }
+}
+
+/// Eight candidates in columns, from `first` on.
+#[inline(always)]
+fn pairs_of(columns: &CandidateColumns, first: usize) -> EightPairs {
+    let [a, b, c] = &columns.corners;
+    EightPairs {
+        origins: eight_of(&columns.origins, first),
+        directions: eight_of(&columns.directions, first),
+        corners: [eight_of(a, first), eight_of(b, first), eight_of(c, first)],
+        t_min: eight(&columns.t_min, first),
+        t_max: eight(&columns.t_max, first),
+    }
+}
+
+/// Eight vectors, from `first` on.
+#[inline(always)]
+fn eight_of([x, y, z]: &[[f32; MAX_BATCH]; 3], first: usize) -> [[f32; WIDTH]; 3] {
+    [eight(x, first), eight(y, first), eight(z, first)]
+}
+
+/// Eight numbers, from `first` on.
+#[inline(always)]
+fn eight(column: &[f32; MAX_BATCH], first: usize) -> [f32; WIDTH] {
+    *column[first..].first_chunk().expect("there are whole eights")
 }
 
 impl Target<'_> {
@@ -142,7 +190,8 @@ impl Target<'_> {
         let mut traced = RAYS.take();
         let tracer = self.tracers.stream();
         if rays.fill(first, len, self.center, &mut traced) {
-            tracer.visit_candidates(&traced, &mut Lister { rays: &traced, level: tracer.simd(), list });
+            let (level, columns) = (tracer.simd(), &mut CandidateColumns::default());
+            tracer.visit_candidates(&traced, &mut Lister { rays: &traced, level, columns, list, more: true });
             RAYS.set(traced);
             return;
         }

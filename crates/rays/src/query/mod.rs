@@ -51,6 +51,8 @@ mod closed;
 mod columns;
 mod crossings;
 mod hemispheres;
+mod huge_vectors;
+mod lists;
 mod mesh;
 mod nearest;
 mod nearest_lanes;
@@ -72,11 +74,12 @@ pub use crate::trace::cpu::{CpuTracer, SimdError, SimdLevel};
 pub use closed::OpenMesh;
 pub use columns::{Attribute, HitColumns, Interpolated};
 pub use hemispheres::{Hemisphere, hemispheres};
+pub use lists::{HitListColumns, HitLists};
 pub use mesh::Mesh;
 pub use nearest::NearestPoint;
 pub use points::{NearestColumns, Points};
 pub use rays::{Range, Rays, Rule};
-pub use target::{HitLists, RayQueries};
+pub use target::RayQueries;
 pub use world::{World, WorldError, WorldHit};
 
 #[doc(hidden)]

@@ -1,6 +1,7 @@
 //! Queries that meshes and worlds have in common.
 
 use super::columns::{ColumnWriter, HitColumns};
+use super::lists::{HitListColumns, HitLists};
 use super::points::{NearestColumns, Points};
 use super::rays::{PreparedRay, Rays, Rule};
 use super::shares::in_parts;
@@ -9,39 +10,13 @@ use super::world::WorldHit;
 use crate::geom::Expansion;
 use crate::stream::{Hit, MISS, Ray};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::cell::Cell;
 use std::collections::TryReserveError;
 
 thread_local! {
     /// Rays and hits of a share.
     static BUFFERS: Cell<(Vec<Ray>, Vec<Hit>)> = const { Cell::new((Vec::new(), Vec::new())) };
-    /// Taken by a call while it lists.
-    static LISTING: Cell<Listing> = const { Cell::new(Listing::new()) };
 }
-
-/// Memory for lists of hits.
-#[derive(Default)]
-struct Listing {
-    /// Hits with the indices of their rays, in the order in which they are found.
-    found: Vec<(u32, Hit)>,
-    /// The hits of one ray after those of the ray before.
-    sorted: Vec<Hit>,
-    /// Where they end, by ray.
-    ends: Vec<usize>,
-}
-
-impl Listing {
-    const fn new() -> Self {
-        Self { found: Vec::new(), sorted: Vec::new(), ends: Vec::new() }
-    }
-}
-
-/// The most rays whose hits one thread lists at a time: a sub-stream, whose hits stay in the second-level cache.
-const LISTED_AT_ONCE: usize = 16 * 1024;
-
-/// The most hits that a thread keeps memory for.
-const KEPT_HITS: usize = 1 << 20;
 
 /// The most rays whose exact sums one thread keeps at a time.
 const SUMMED_AT_ONCE: usize = 4096;
@@ -54,25 +29,6 @@ pub struct Target<'a> {
     pub(super) firsts: Option<&'a [u32]>,
     /// Subtracted from the caller's coordinates.
     pub(super) center: DVec3,
-}
-
-/// All hits of many rays: those of one ray after those of the ray before, nearest first.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct HitLists {
-    /// For each ray the index of its first hit, and the number of all hits: one more than there are rays.
-    pub offsets: Vec<usize>,
-    /// The hits. Those of a ray at one `t` ascend by instance, then by primitive.
-    pub hits: Vec<WorldHit>,
-}
-
-impl HitLists {
-    /// The hits of a ray, nearest first.
-    ///
-    /// # Panics
-    /// If there is no such ray.
-    pub fn of(&self, ray: usize) -> &[WorldHit] {
-        &self.hits[self.offsets[ray]..self.offsets[ray + 1]]
-    }
 }
 
 /// Ray queries of meshes and worlds, on the current rayon pool. Answers do not depend on its threads.
@@ -149,6 +105,21 @@ pub trait RayQueries {
     /// If there is not enough memory for them.
     fn list_hits(&self, rays: &Rays<'_>, rule: Rule, most: usize) -> Result<HitLists, TryReserveError> {
         self.target().list_hits(rays, rule, most)
+    }
+
+    /// Appends the first `most` hits of every ray to columns, nearest first; `usize::MAX` for all. Faster than
+    /// [`RayQueries::list_hits`] where not all columns are asked for.
+    ///
+    /// # Errors
+    /// If there is not enough memory for them; the columns have then no meaning.
+    fn append_hits(
+        &self,
+        rays: &Rays<'_>,
+        rule: Rule,
+        most: usize,
+        columns: &mut HitListColumns,
+    ) -> Result<(), TryReserveError> {
+        self.target().append_hits(rays, rule, most, columns)
     }
 
     /// The point nearest to every point, at most `max_distance` away, which may be +∞; of equally near ones the one of
@@ -329,111 +300,6 @@ impl Target<'_> {
             });
             sums.iter_mut().zip(exact).for_each(|(sum, exact)| *sum = exact.rounded());
         });
-    }
-
-    pub(super) fn list_hits(
-        &self,
-        rays: &Rays<'_>,
-        rule: Rule,
-        most: usize,
-    ) -> Result<HitLists, TryReserveError> {
-        let count = rays.len();
-        let starts = (0..count).step_by(LISTED_AT_ONCE);
-        let add = |lists: &mut HitLists, first: usize| {
-            self.list_part(rays, first, LISTED_AT_ONCE.min(count - first), rule, most, lists)
-        };
-        if count <= LISTED_AT_ONCE || rayon::current_num_threads() == 1 {
-            let mut all = HitLists::default();
-            all.offsets.try_reserve_exact(count + 1)?;
-            all.offsets.push(0);
-            for first in starts {
-                add(&mut all, first)?;
-            }
-            return Ok(all);
-        }
-        let part = |&first: &usize| {
-            let mut part = HitLists::default();
-            add(&mut part, first)?;
-            Ok(part)
-        };
-        let starts: Vec<usize> = starts.collect();
-        let parts: Vec<HitLists> = starts.par_iter().map(part).collect::<Result<_, TryReserveError>>()?;
-        let mut all = HitLists::default();
-        all.hits.try_reserve_exact(parts.iter().map(|part| part.hits.len()).sum())?;
-        all.offsets.try_reserve_exact(count + 1)?;
-        all.offsets.push(0);
-        for part in parts {
-            let before = all.hits.len();
-            all.offsets.extend(part.offsets.iter().map(|end| before + end));
-            all.hits.extend(part.hits);
-        }
-        Ok(all)
-    }
-
-    /// Adds the hits of consecutive rays, and their ends.
-    fn list_part(
-        &self,
-        rays: &Rays<'_>,
-        first: usize,
-        len: usize,
-        rule: Rule,
-        most: usize,
-        lists: &mut HitLists,
-    ) -> Result<(), TryReserveError> {
-        let Listing { mut found, mut sorted, mut ends } = LISTING.take();
-        found.clear();
-        ends.clear();
-        ends.resize(len + 1, 0);
-        let mut refused = None;
-        let mut list = |some: &[(u32, Hit)]| {
-            if let Err(error) = found.try_reserve(some.len()) {
-                refused = Some(error);
-                return false;
-            }
-            found.extend_from_slice(some);
-            some.iter().for_each(|(ray, _)| ends[*ray as usize + 1] += 1);
-            true
-        };
-        match rule {
-            Rule::HalfOpen => self.list_crossings(rays, first, len, list),
-            Rule::Closed => {
-                self.visit_hits(rays, first, len, rule, &mut |ray, hit| list(&[(ray as u32, *hit)]));
-            }
-        }
-        if let Some(error) = refused {
-            return Err(error);
-        }
-        for ray in 0..len {
-            ends[ray + 1] += ends[ray];
-        }
-        sorted.try_reserve(found.len().saturating_sub(sorted.len()))?;
-        sorted.resize(sorted.len().max(found.len()), Hit::NONE);
-        // Each goes to the next place of its ray, so that beginnings become ends.
-        for (ray, hit) in &found {
-            let place = &mut ends[*ray as usize];
-            sorted[*place] = *hit;
-            *place += 1;
-        }
-        lists.hits.try_reserve(found.len())?;
-        lists.offsets.try_reserve(len)?;
-        let mut start = 0;
-        for &end in &ends[..len] {
-            let of_ray = &mut sorted[start..end];
-            // No `t` is negative, so their bits have their order; ids in the tree ascend by instance.
-            let key = |hit: &Hit| u64::from(hit.t.to_bits()) << 32 | u64::from(hit.primitive);
-            if !of_ray.is_sorted_by_key(key) {
-                of_ray.sort_unstable_by_key(key);
-            }
-            for hit in &of_ray[..of_ray.len().min(most)] {
-                lists.hits.push(self.world_hit(hit));
-            }
-            lists.offsets.push(lists.hits.len());
-            start = end;
-        }
-        if found.capacity() <= KEPT_HITS {
-            LISTING.set(Listing { found, sorted, ends });
-        }
-        Ok(())
     }
 }
 

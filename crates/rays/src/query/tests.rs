@@ -3,6 +3,7 @@
 mod columns;
 mod counting;
 mod hashes;
+mod lists;
 mod points;
 mod worlds;
 

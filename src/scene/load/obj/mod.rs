@@ -4,18 +4,45 @@
 //! and materials, and faces with and without texture coordinates or normals may be mixed.
 
 mod geometry;
+#[cfg(feature = "formats")]
+mod libraries;
+#[cfg(feature = "formats")]
 mod material;
+#[cfg(feature = "formats")]
 mod mtl;
 
 use super::session::Session;
-use super::textures::Textures;
-use super::warnings::Warnings;
-use super::{LoadProblem, check_text, named, quote};
-use crate::scene::{Material, Scene};
+use super::{LoadProblem, check_text, quote};
+use crate::scene::{Material, Scene, Texture};
 use geometry::Geometry;
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+
+/// Materials of a file's libraries.
+#[derive(Default)]
+struct Materials {
+    list: Vec<Material>,
+    /// Indices of materials.
+    by_name: HashMap<String, u32>,
+    textures: Vec<Texture>,
+}
+
+/// Stands in for libraries in a build that reads no textures.
+#[cfg(not(feature = "formats"))]
+mod libraries {
+    use super::*;
+
+    pub(super) fn read(
+        statements: &[String],
+        _: bool,
+        session: &mut Session,
+    ) -> Result<Materials, LoadProblem> {
+        if !statements.is_empty() {
+            session.warnings.add("Materials are ignored: they need the feature `formats`.");
+        }
+        Ok(Materials::default())
+    }
+}
 
 /// Bytes of vertices and faces per byte of text, at most about.
 const BYTES_PER_BYTE: u64 = 4;
@@ -30,33 +57,17 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let mut geometry = Geometry::read(&path, &bytes, &mut session.warnings)?;
     drop(bytes);
     let coloured = !geometry.mesh.colours.is_empty();
-    let mut textures = Textures::default();
-    let mut materials = Vec::new();
-    let mut by_name = HashMap::new();
-    for library in libraries(&path, &geometry.libraries, &mut session.warnings) {
-        let bytes = session.read_named(&library, u64::MAX);
-        let bytes = bytes.map_err(|problem| LoadProblem::Place {
-            path: path.clone(),
-            place: "a material library".into(),
-            problem: problem.to_string(),
-        })?;
-        check_text(&library, &bytes)?;
-        for definition in mtl::parse(&library, &bytes, &mut session.warnings)? {
-            let material = material::convert(&library, &definition, coloured, &mut textures, session)?;
-            // The first definition of a name is used.
-            if !by_name.contains_key(&material.name) {
-                by_name.insert(material.name.clone(), materials.len() as u32);
-                materials.push(material);
-            }
-        }
-    }
+    let Materials { list: mut materials, by_name, textures } =
+        libraries::read(&geometry.libraries, coloured, session)?;
     let mut fallback = None;
     let indices: Vec<u32> = geometry
         .material_names
         .iter()
         .map(|name| {
             let defined = name.as_ref().and_then(|name| by_name.get(name)).copied();
-            if let (None, Some(name)) = (defined, name) {
+            if let (None, Some(name)) = (defined, name)
+                && cfg!(feature = "formats")
+            {
                 let warning =
                     format!("The material {} is not defined; its faces are matte grey.", quote(name));
                 session.warnings.add(warning);
@@ -76,26 +87,9 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         mesh: geometry.mesh.into(),
         objects: geometry.objects.into(),
         materials,
-        textures: textures.into_list(),
+        textures,
         ..Scene::default()
     })
-}
-
-/// The files that `mtllib` statements name. A statement names one file, which may contain spaces, or several.
-fn libraries(path: &Path, statements: &[String], warnings: &mut Warnings) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for statement in statements {
-        let whole = named::file(path, statement);
-        let names = if whole.is_some() { vec![statement.as_str()] } else { words(statement).collect() };
-        for name in names {
-            match named::file(path, name) {
-                None => warnings.add(format!("The material library {} is missing.", quote(name))),
-                Some(library) if !found.contains(&library) => found.push(library),
-                Some(_) => {}
-            }
-        }
-    }
-    found
 }
 
 /// The statements of a text file, each with the number, from 1, of its first line. Comments and blank lines are left

@@ -14,7 +14,7 @@ use super::lane_math::{LaneVec3, add, cross, dot, max_abs, sub};
 use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
 use super::ray_lists::visit_node;
 use super::ray_node_pairs;
-use super::substream::{DONE, OctantStack, SubStream, Visitor, Widths, prefetch_rows, ray_index};
+use super::substream::{DONE, OctantStack, ROW_BYTES, SubStream, Visitor, Widths, prefetch_rows, ray_index};
 use super::triangle::{Lines, relative_corners};
 use super::visit_order::VisitOrder;
 use crate::bvh::{Child, LeafBlock, PRIMITIVE, WIDTH};
@@ -45,6 +45,40 @@ pub struct Tally<'a> {
     pub enough: u32,
 }
 
+/// Candidates in columns.
+#[derive(Clone, Debug)]
+pub struct CandidateColumns {
+    /// The number of candidates. What lies beyond has no meaning.
+    pub len: usize,
+    /// Indices of the rays.
+    pub rays: [u32; MAX_BATCH],
+    pub origins: [[f32; MAX_BATCH]; 3],
+    pub directions: [[f32; MAX_BATCH]; 3],
+    pub t_min: [f32; MAX_BATCH],
+    pub t_max: [f32; MAX_BATCH],
+    /// Primitive ids.
+    pub primitives: [u32; MAX_BATCH],
+    /// Corners in the world, as `[corner][axis][candidate]`.
+    pub corners: [[[f32; MAX_BATCH]; 3]; 3],
+}
+
+impl Default for CandidateColumns {
+    /// No candidates.
+    fn default() -> Self {
+        let (numbers, zeros) = ([0; MAX_BATCH], [0.0; MAX_BATCH]);
+        Self {
+            len: 0,
+            rays: numbers,
+            origins: [zeros; 3],
+            directions: [zeros; 3],
+            t_min: zeros,
+            t_max: zeros,
+            primitives: numbers,
+            corners: [[zeros; 3]; 3],
+        }
+    }
+}
+
 /// Tests the triangles that rays may cross.
 pub trait TriangleSink {
     /// Takes a triangle that a ray may cross. Returns the `t` beyond which the ray needs no more triangles: +∞ for all,
@@ -67,10 +101,21 @@ pub trait TriangleSink {
     fn tally(&mut self) -> Option<Tally<'_>> {
         None
     }
+
+    /// Memory for columns, always or never. Where there is some, candidates are written there for
+    /// [`TriangleSink::take_columns`], and not taken in any other way.
+    fn columns(&mut self) -> Option<&mut CandidateColumns> {
+        None
+    }
+
+    /// Takes the candidates in the columns. No ray needs fewer triangles after that.
+    fn take_columns(&mut self) {}
 }
 
 /// The most triangles that are handed over together.
 pub const MAX_BATCH: usize = 64;
+
+const _: () = assert!(MAX_BATCH.is_multiple_of(MAX_LANES));
 
 /// Place where candidates go.
 #[derive(Clone, Copy)]
@@ -82,6 +127,8 @@ pub(super) struct Found<'a, 's> {
     pub batch: usize,
     /// True if the sink has a tally.
     pub tallies: bool,
+    /// True if the sink has columns.
+    pub columns: bool,
 }
 
 /// Follows rays in lists and pairs, as `RayVisitor` does, and hands candidates to a sink.
@@ -263,10 +310,14 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
     /// Invariants 1, 4, 5 and 6.
     #[cfg_attr(not(unoptimised), inline(always))]
     unsafe fn hand_over(&self, stack: &mut OctantStack) {
-        let Self { space, sub, found: Found { sink, first, batch, .. }, .. } = *self;
+        let Self { space, sub, found: Found { sink, first, batch, columns, .. }, .. } = *self;
         let count = stack.candidates.len();
         if count == 0 {
             return;
+        }
+        if columns {
+            // SAFETY: the caller's contract.
+            return unsafe { self.hand_over_columns(stack) };
         }
         let (ids, children) = stack.candidates.pop(count);
         let mut sink = sink.borrow_mut();
@@ -300,6 +351,98 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
             }
         }
     }
+}
+
+impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
+    /// Hands all candidates to the sink, in its columns.
+    ///
+    /// # Safety
+    /// Invariants 1, 4, 5 and 6.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn hand_over_columns(&self, stack: &mut OctantStack) {
+        let count = stack.candidates.len();
+        let (ids, children) = stack.candidates.pop(count);
+        let mut sink = self.found.sink.borrow_mut();
+        for first in (0..count).step_by(MAX_BATCH) {
+            let Some(columns) = sink.columns() else { return };
+            columns.len = MAX_BATCH.min(count - first);
+            for at in (0..columns.len).step_by(W::LANES) {
+                // SAFETY: the caller's contract; there are candidates from `first + at` on.
+                unsafe { self.write_columns(columns, at, ids.add(first + at), children.add(first + at)) };
+            }
+            sink.take_columns();
+        }
+    }
+
+    /// Writes the candidates of a vector to columns, from `at` on.
+    ///
+    /// # Safety
+    /// Invariants 1, 4, 5 and 6; the first candidate of the vector is one.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    unsafe fn write_columns(
+        &self,
+        columns: &mut CandidateColumns,
+        at: usize,
+        ids: *const u32,
+        children: *const u32,
+    ) {
+        let Self { widths: Widths { wide: w, .. }, space, sub, found: Found { first, .. }, .. } = *self;
+        // In the lanes beyond the last candidate the first one stands in.
+        let some = first_lanes::<W>(columns.len - at);
+        // SAFETY: invariant 6; the caller's contract for the first ones.
+        let (ids, children) = unsafe {
+            (
+                w.select_u32(some, w.load_u32(ids), w.splat_u32(*ids)),
+                w.select_u32(some, w.load_u32(children), w.splat_u32(*children)),
+            )
+        };
+        let rows = w.and_u32(ids, w.splat_u32(WIDTH as u32 - 1));
+        // SAFETY: invariants 4 and 5.
+        let (stored, corners) = unsafe { sub.tree.blocks.gather(w, children, rows) };
+        let mut offsets = [0; MAX_LANES];
+        // SAFETY: `offsets` has an element for each lane.
+        unsafe { w.store_u32(offsets.as_mut_ptr(), w.and_u32(ids, w.splat_u32(!(WIDTH as u32 - 1)))) };
+        // SAFETY: invariant 1.
+        let [ox, oy, oz, t_min, dx, dy, dz, t_max] = unsafe { w.rows(sub.rays.cast(), offsets.as_ptr()) };
+        let index = w.add_u32(w.shr_u32(ids, ROW_BYTES.ilog2()), w.splat_u32(first as u32));
+        let primitives = w.and_u32(space.scene_ids(w, stored), w.splat_u32(PRIMITIVE));
+        let CandidateColumns { len: _, rays, origins, directions, t_min: from, t_max: to, .. } = columns;
+        put_u32(w, at, rays, index);
+        put(w, at, &mut origins[0], ox);
+        put(w, at, &mut origins[1], oy);
+        put(w, at, &mut origins[2], oz);
+        put(w, at, &mut directions[0], dx);
+        put(w, at, &mut directions[1], dy);
+        put(w, at, &mut directions[2], dz);
+        put(w, at, from, t_min);
+        put(w, at, to, t_max);
+        put_u32(w, at, &mut columns.primitives, primitives);
+        for (corner, &local) in corners.iter().enumerate() {
+            let [x, y, z] = space.to_world(w, local);
+            put(w, at, &mut columns.corners[corner][0], x);
+            put(w, at, &mut columns.corners[corner][1], y);
+            put(w, at, &mut columns.corners[corner][2], z);
+        }
+    }
+}
+
+/// Writes a vector to a column, from `at` on.
+///
+/// # Panics
+/// If the column has too few elements from there.
+#[inline(always)]
+fn put<L: Lanes>(l: L, at: usize, column: &mut [f32; MAX_BATCH], numbers: L::F) {
+    let to = &mut column[at..at + L::LANES];
+    // SAFETY: `to` has an element for each lane.
+    unsafe { l.store(to.as_mut_ptr(), numbers) };
+}
+
+/// [`put`] of whole numbers.
+#[inline(always)]
+fn put_u32<L: Lanes>(l: L, at: usize, column: &mut [u32; MAX_BATCH], numbers: L::I) {
+    let to = &mut column[at..at + L::LANES];
+    // SAFETY: `to` has an element for each lane.
+    unsafe { l.store_u32(to.as_mut_ptr(), numbers) };
 }
 
 /// The positions of the bits of a mask.

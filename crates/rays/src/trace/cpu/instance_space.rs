@@ -23,6 +23,8 @@ pub(super) trait Space: Copy {
     fn to_world<L: Lanes>(self, l: L, point: LaneVec3<L>) -> LaneVec3<L>;
     /// A block's triangle id with the primitive index of the scene.
     fn scene_id(self, stored: u32) -> u32;
+    /// [`Space::scene_id`] of each lane.
+    fn scene_ids<L: Lanes>(self, l: L, stored: L::I) -> L::I;
     /// The octant in the tree's space of rays of a world octant, for the order of children.
     fn order_octant(self, octant: usize) -> usize;
 }
@@ -49,6 +51,11 @@ impl Space for World {
 
     #[inline(always)]
     fn scene_id(self, stored: u32) -> u32 {
+        stored
+    }
+
+    #[inline(always)]
+    fn scene_ids<L: Lanes>(self, _: L, stored: L::I) -> L::I {
         stored
     }
 
@@ -133,6 +140,11 @@ impl Space for InstanceSpace<'_> {
     fn scene_id(self, stored: u32) -> u32 {
         // Primitive indices have 30 bits: the flags above them stay.
         stored + self.first_primitive
+    }
+
+    #[inline(always)]
+    fn scene_ids<L: Lanes>(self, l: L, stored: L::I) -> L::I {
+        l.add_u32(stored, l.splat_u32(self.first_primitive))
     }
 
     #[inline(always)]

@@ -74,7 +74,7 @@ pub mod triangle;
 mod visit_order;
 
 pub use crate::lanes::{SimdError, SimdLevel};
-pub(crate) use crossings::{Candidate, MAX_BATCH, Tally, TriangleSink};
+pub(crate) use crossings::{Candidate, CandidateColumns, MAX_BATCH, Tally, TriangleSink};
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;

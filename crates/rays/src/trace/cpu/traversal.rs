@@ -126,7 +126,8 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
     scratch: &mut Scratch,
 ) {
     const { assert!(W::LANES <= MAX_LANES && E::LANES == WIDTH) };
-    let (tree, batch, tallies) = (TreeView::new(bvh.wide(), None), sink.batch(), sink.tally().is_some());
+    let (tree, batch) = (TreeView::new(bvh.wide(), None), sink.batch());
+    let (tallies, columns) = (sink.tally().is_some(), sink.columns().is_some());
     let Scratch { rows, shafts, stacks, local, .. } = scratch;
     local.clear();
     for stack in stacks.iter_mut() {
@@ -136,7 +137,7 @@ pub(super) fn trace_candidates<W: Lanes, E: Lanes>(
     }
     let sink = RefCell::new(sink);
     for (part, rays) in rays.chunks(MAX_RAYS).enumerate() {
-        let found = Found { sink: &sink, first: part * MAX_RAYS, batch, tallies };
+        let found = Found { sink: &sink, first: part * MAX_RAYS, batch, tallies, columns };
         let counts = setup::prepare(widths.wide, bvh.scene_max_abs(), rays, rows, shafts, stacks);
         // No answers are written.
         let answers = AnswerPointer::Occluded(ptr::null_mut());

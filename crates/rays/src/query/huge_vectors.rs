@@ -1,0 +1,48 @@
+//! Large vectors on huge pages: the operating system clears 2 MiB at a time where it would clear 4 KiB.
+//!
+//! Unsafe code, for advice to the system. Invariants:
+//! 1. The range lies within the memory of a vector, and the advice changes nothing that a program can see.
+#![allow(unsafe_code, reason = "the invariant above")]
+
+use std::collections::TryReserveError;
+
+/// Vectors of fewer bytes stay as they are.
+const LEAST_BYTES: usize = 8 << 20;
+
+/// Makes room for more elements.
+///
+/// # Errors
+/// If there is not enough memory.
+pub fn grow<T>(vector: &mut Vec<T>, more: usize) -> Result<(), TryReserveError> {
+    if more > vector.capacity() - vector.len() {
+        vector.try_reserve(more)?;
+        advise(vector);
+    }
+    Ok(())
+}
+
+/// Makes room for as many elements in all, if there is enough memory; for twice as many as before at least, so that
+/// guesses that grow little by little do not copy all elements each time.
+pub fn reserve_huge<T>(vector: &mut Vec<T>, len: usize) {
+    let capacity = vector.capacity();
+    if len > capacity && vector.try_reserve_exact(len.max(2 * capacity) - vector.len()).is_ok() {
+        advise(vector);
+    }
+}
+
+/// Asks for huge pages in the memory of a large vector.
+fn advise<T>(vector: &mut Vec<T>) {
+    let bytes = vector.capacity() * size_of::<T>();
+    if bytes < LEAST_BYTES {
+        return;
+    }
+    #[cfg(target_os = "linux")]
+    {
+        /// The smallest page of any system.
+        const PAGE: usize = 4096;
+        let start = vector.as_mut_ptr().cast::<u8>();
+        let skipped = start.align_offset(PAGE);
+        // SAFETY: invariant 1. Where pages are larger the system refuses, which does not matter.
+        unsafe { libc::madvise(start.add(skipped).cast(), bytes - skipped, libc::MADV_HUGEPAGE) };
+    }
+}

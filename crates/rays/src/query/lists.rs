@@ -1,0 +1,397 @@
+//! Lists of all hits of many rays: found in streams, sorted ray by ray in a cache, appended to rows or columns.
+
+use super::huge_vectors::{grow, reserve_huge};
+use super::rays::{Rays, Rule};
+use super::target::Target;
+use super::world::WorldHit;
+use crate::stream::Hit;
+use rayon::prelude::*;
+use std::cell::Cell;
+use std::collections::TryReserveError;
+use std::iter;
+
+thread_local! {
+    /// Taken by a call while it lists.
+    static LISTING: Cell<Listing> = const { Cell::new(Listing::new()) };
+}
+
+/// Memory for lists of hits.
+#[derive(Default)]
+struct Listing {
+    /// Hits with the indices of their rays, in the order in which they are found.
+    found: Vec<(u32, Hit)>,
+    /// The hits of one ray after those of the ray before.
+    sorted: Vec<Hit>,
+    /// Where they end, by ray.
+    ends: Vec<usize>,
+}
+
+impl Listing {
+    const fn new() -> Self {
+        Self { found: Vec::new(), sorted: Vec::new(), ends: Vec::new() }
+    }
+}
+
+/// The most rays whose hits one thread lists at a time: a sub-stream, whose hits stay in the second-level cache.
+const LISTED_AT_ONCE: usize = 16 * 1024;
+
+/// The most hits that a thread keeps memory for.
+const KEPT_HITS: usize = 1 << 20;
+
+/// All hits of many rays: those of one ray after those of the ray before, nearest first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HitLists {
+    /// For each ray the index of its first hit, and the number of all hits: one more than there are rays.
+    pub offsets: Vec<usize>,
+    /// The hits. Those of a ray at one `t` ascend by instance, then by primitive.
+    pub hits: Vec<WorldHit>,
+}
+
+impl HitLists {
+    /// The hits of a ray, nearest first.
+    ///
+    /// # Panics
+    /// If there is no such ray.
+    pub fn of(&self, ray: usize) -> &[WorldHit] {
+        &self.hits[self.offsets[ray]..self.offsets[ray + 1]]
+    }
+}
+
+/// The columns of [`HitLists`]: those that are `Some`, with an element for each hit. More rays can be appended.
+///
+/// ```
+/// use raystream_rays::query::{HitListColumns, Mesh, Ray, RayQueries, Rule};
+///
+/// let floors = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(|[x, y, z]| [[x, y, z], [x, y, z - 1.0]]);
+/// let mesh = Mesh::build(floors.as_flattened(), &[[0, 2, 4], [1, 3, 5]])?;
+/// let rays = [0.25, 5.0, 0.5].map(|x| Ray::new([x, 0.25, 2.0], [0.0, 0.0, -1.0]));
+/// let mut columns = HitListColumns { ray: Some(vec![]), t: Some(vec![]), ..HitListColumns::default() };
+/// mesh.append_hits(&rays.as_slice().into(), Rule::HalfOpen, usize::MAX, &mut columns)?;
+/// assert_eq!(columns.offsets, [0, 2, 2, 4]);
+/// assert_eq!(columns.ray, Some(vec![0, 0, 2, 2]));
+/// assert_eq!(columns.t, Some(vec![2.0, 3.0, 2.0, 3.0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HitListColumns {
+    /// For each ray the index of its first hit, and the number of all hits: one more than there are rays, or nothing.
+    pub offsets: Vec<u64>,
+    /// Index of the ray.
+    pub ray: Option<Vec<u64>>,
+    /// Distance in lengths of the direction.
+    pub t: Option<Vec<f32>>,
+    /// Index of the triangle in its mesh.
+    pub primitive: Option<Vec<u32>>,
+    /// Index of the instance in its world, 0 for a mesh.
+    pub instance: Option<Vec<u32>>,
+    /// Barycentric weights of the triangle's second and third corner, 0 to 1.
+    pub uv: Option<Vec<[f32; 2]>>,
+}
+
+impl HitListColumns {
+    /// The number of hits.
+    pub fn len(&self) -> usize {
+        self.offsets.last().map_or(0, |&hits| hits as usize)
+    }
+
+    /// True if there are no hits.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Makes room for the hits of as many rays in all, with a tenth more hits each than the rays so far have had. The
+    /// system provides memory only where it is written. Nothing happens if there is not enough.
+    pub fn expect_rays(&mut self, rays: usize) {
+        let listed = self.offsets.len().saturating_sub(1).max(1);
+        let hits = (self.len() as f64 * 1.1 * rays as f64 / listed as f64) as usize;
+        let Self { offsets, ray, t, primitive, instance, uv } = self;
+        reserve_huge(offsets, rays + 1);
+        ray.iter_mut().for_each(|column| reserve_huge(column, hits));
+        t.iter_mut().for_each(|column| reserve_huge(column, hits));
+        primitive.iter_mut().for_each(|column| reserve_huge(column, hits));
+        instance.iter_mut().for_each(|column| reserve_huge(column, hits));
+        uv.iter_mut().for_each(|column| reserve_huge(column, hits));
+    }
+}
+
+/// Lists to which the hits of more rays are appended.
+pub(super) trait Lists: Sized + Send + Sync {
+    /// The same kind of lists, empty.
+    fn empty(&self) -> Self;
+
+    /// Appends the hits of rays, which end at these indices.
+    fn append_sorted(
+        &mut self,
+        target: &Target<'_>,
+        hits: &[Hit],
+        ends: &[usize],
+    ) -> Result<(), TryReserveError>;
+
+    /// Appends other lists.
+    fn append(&mut self, part: &Self) -> Result<(), TryReserveError>;
+}
+
+impl Lists for HitLists {
+    fn empty(&self) -> Self {
+        Self::default()
+    }
+
+    fn append_sorted(
+        &mut self,
+        target: &Target<'_>,
+        hits: &[Hit],
+        ends: &[usize],
+    ) -> Result<(), TryReserveError> {
+        let before = self.begin(ends.len())?;
+        self.hits.try_reserve(hits.len())?;
+        self.hits.extend(hits.iter().map(|hit| target.world_hit(hit)));
+        self.offsets.extend(ends.iter().map(|end| before + end));
+        Ok(())
+    }
+
+    fn append(&mut self, part: &Self) -> Result<(), TryReserveError> {
+        let ends = part.offsets.get(1..).unwrap_or_default();
+        let before = self.begin(ends.len())?;
+        self.hits.try_reserve(part.hits.len())?;
+        self.hits.extend_from_slice(&part.hits);
+        self.offsets.extend(ends.iter().map(|end| before + end));
+        Ok(())
+    }
+}
+
+impl HitLists {
+    /// Makes room for the offsets of more rays. Returns the number of hits before them.
+    fn begin(&mut self, rays: usize) -> Result<usize, TryReserveError> {
+        self.offsets.try_reserve(rays + 1)?;
+        if self.offsets.is_empty() {
+            self.offsets.push(0);
+        }
+        Ok(self.hits.len())
+    }
+}
+
+impl Lists for HitListColumns {
+    fn empty(&self) -> Self {
+        Self {
+            offsets: Vec::new(),
+            ray: self.ray.as_ref().map(|_| Vec::new()),
+            t: self.t.as_ref().map(|_| Vec::new()),
+            primitive: self.primitive.as_ref().map(|_| Vec::new()),
+            instance: self.instance.as_ref().map(|_| Vec::new()),
+            uv: self.uv.as_ref().map(|_| Vec::new()),
+        }
+    }
+
+    fn append_sorted(
+        &mut self,
+        target: &Target<'_>,
+        hits: &[Hit],
+        ends: &[usize],
+    ) -> Result<(), TryReserveError> {
+        self.begin(ends.len())?;
+        let (rays, before) = (self.offsets.len() as u64 - 1, self.len() as u64);
+        if let Some(column) = &mut self.ray {
+            grow(column, hits.len())?;
+            let mut start = 0;
+            for (ray, &end) in (rays..).zip(ends) {
+                column.extend(iter::repeat_n(ray, end - start));
+                start = end;
+            }
+        }
+        self.offsets.extend(ends.iter().map(|&end| before + end as u64));
+        if let Some(column) = &mut self.t {
+            grow(column, hits.len())?;
+            column.extend(hits.iter().map(|hit| hit.t));
+        }
+        if let Some(column) = &mut self.uv {
+            grow(column, hits.len())?;
+            column.extend(hits.iter().map(|hit| [hit.u, hit.v]));
+        }
+        if let Some(column) = &mut self.primitive {
+            grow(column, hits.len())?;
+            match target.firsts {
+                Some(_) => column.extend(hits.iter().map(|hit| target.world_hit(hit).primitive)),
+                None => column.extend(hits.iter().map(|hit| hit.primitive)),
+            }
+        }
+        if let Some(column) = &mut self.instance {
+            grow(column, hits.len())?;
+            match target.firsts {
+                Some(_) => column.extend(hits.iter().map(|hit| target.world_hit(hit).instance)),
+                None => column.extend(iter::repeat_n(0, hits.len())),
+            }
+        }
+        Ok(())
+    }
+
+    fn append(&mut self, part: &Self) -> Result<(), TryReserveError> {
+        let ends = part.offsets.get(1..).unwrap_or_default();
+        self.begin(ends.len())?;
+        let (rays, before) = (self.offsets.len() as u64 - 1, self.len() as u64);
+        self.offsets.extend(ends.iter().map(|end| before + end));
+        if let (Some(column), Some(part)) = (&mut self.ray, &part.ray) {
+            grow(column, part.len())?;
+            column.extend(part.iter().map(|ray| rays + ray));
+        }
+        append_column(&mut self.t, &part.t)?;
+        append_column(&mut self.primitive, &part.primitive)?;
+        append_column(&mut self.instance, &part.instance)?;
+        append_column(&mut self.uv, &part.uv)
+    }
+}
+
+impl HitListColumns {
+    /// Makes room for the offsets of more rays.
+    fn begin(&mut self, rays: usize) -> Result<(), TryReserveError> {
+        grow(&mut self.offsets, rays + 1)?;
+        if self.offsets.is_empty() {
+            self.offsets.push(0);
+        }
+        Ok(())
+    }
+}
+
+fn append_column<T: Copy>(column: &mut Option<Vec<T>>, part: &Option<Vec<T>>) -> Result<(), TryReserveError> {
+    if let (Some(column), Some(part)) = (column, part) {
+        grow(column, part.len())?;
+        column.extend_from_slice(part);
+    }
+    Ok(())
+}
+
+impl Target<'_> {
+    pub(super) fn list_hits(
+        &self,
+        rays: &Rays<'_>,
+        rule: Rule,
+        most: usize,
+    ) -> Result<HitLists, TryReserveError> {
+        let mut lists = HitLists { offsets: vec![0], hits: Vec::new() };
+        self.append_hits(rays, rule, most, &mut lists)?;
+        Ok(lists)
+    }
+
+    /// Appends the first `most` hits of every ray.
+    pub(super) fn append_hits<L: Lists>(
+        &self,
+        rays: &Rays<'_>,
+        rule: Rule,
+        most: usize,
+        lists: &mut L,
+    ) -> Result<(), TryReserveError> {
+        let count = rays.len();
+        let part = |first: usize, lists: &mut L| {
+            self.append_part(rays, first, LISTED_AT_ONCE.min(count - first), rule, most, lists)
+        };
+        let mut starts = (0..count).step_by(LISTED_AT_ONCE);
+        let threads = rayon::current_num_threads();
+        if count <= LISTED_AT_ONCE || threads == 1 {
+            return starts.try_for_each(|first| part(first, lists));
+        }
+        let starts: Vec<usize> = starts.collect();
+        // So few at a time that not all hits are in memory twice.
+        for starts in starts.chunks(2 * threads) {
+            let empty = lists.empty();
+            let parts = starts.par_iter().map(|&first| {
+                let mut list = empty.empty();
+                part(first, &mut list)?;
+                Ok(list)
+            });
+            let parts: Vec<L> = parts.collect::<Result<_, TryReserveError>>()?;
+            parts.iter().try_for_each(|part| lists.append(part))?;
+        }
+        Ok(())
+    }
+
+    /// Appends the hits of consecutive rays on the calling thread.
+    fn append_part(
+        &self,
+        rays: &Rays<'_>,
+        first: usize,
+        len: usize,
+        rule: Rule,
+        most: usize,
+        lists: &mut impl Lists,
+    ) -> Result<(), TryReserveError> {
+        let Listing { mut found, mut sorted, mut ends } = LISTING.take();
+        found.clear();
+        ends.clear();
+        ends.resize(len + 1, 0);
+        let mut refused = None;
+        let mut list = |some: &[(u32, Hit)]| {
+            if let Err(error) = found.try_reserve(some.len()) {
+                refused = Some(error);
+                return false;
+            }
+            found.extend_from_slice(some);
+            some.iter().for_each(|(ray, _)| ends[*ray as usize + 1] += 1);
+            true
+        };
+        match rule {
+            Rule::HalfOpen => self.list_crossings(rays, first, len, list),
+            Rule::Closed => {
+                self.visit_hits(rays, first, len, rule, &mut |ray, hit| list(&[(ray as u32, *hit)]));
+            }
+        }
+        if let Some(error) = refused {
+            return Err(error);
+        }
+        for ray in 0..len {
+            ends[ray + 1] += ends[ray];
+        }
+        sorted.try_reserve(found.len().saturating_sub(sorted.len()))?;
+        sorted.resize(sorted.len().max(found.len()), Hit::NONE);
+        // Each goes to the next place of its ray, so that beginnings become ends.
+        for (ray, hit) in &found {
+            let place = &mut ends[*ray as usize];
+            sorted[*place] = *hit;
+            *place += 1;
+        }
+        let hits = sort_each(&mut sorted, &mut ends[..len], most);
+        lists.append_sorted(self, &sorted[..hits], &ends[..len])?;
+        if found.capacity() <= KEPT_HITS {
+            LISTING.set(Listing { found, sorted, ends });
+        }
+        Ok(())
+    }
+}
+
+/// Sorts the hits of each ray, which end at these indices, and keeps the first `most`. Returns how many it keeps.
+fn sort_each(hits: &mut [Hit], ends: &mut [usize], most: usize) -> usize {
+    let (mut start, mut kept) = (0, 0);
+    for end in ends {
+        let of_ray = &mut hits[start..*end];
+        if of_ray.len() > 1 {
+            sort(of_ray);
+        }
+        let len = of_ray.len().min(most);
+        if kept < start {
+            hits.copy_within(start..start + len, kept);
+        }
+        (start, kept) = (*end, kept + len);
+        *end = kept;
+    }
+    kept
+}
+
+/// The most hits that are sorted by inserting one after the other.
+const FEW_HITS: usize = 16;
+
+/// Sorts hits by `t`, then by the primitive id: those of a world ascend by instance.
+#[inline]
+fn sort(hits: &mut [Hit]) {
+    // No `t` is negative, so their bits have their order.
+    let key = |hit: &Hit| u64::from(hit.t.to_bits()) << 32 | u64::from(hit.primitive);
+    if hits.len() > FEW_HITS {
+        return hits.sort_unstable_by_key(key);
+    }
+    for next in 1..hits.len() {
+        let hit = hits[next];
+        let (mut place, own) = (next, key(&hit));
+        while place > 0 && key(&hits[place - 1]) > own {
+            hits[place] = hits[place - 1];
+            place -= 1;
+        }
+        hits[place] = hit;
+    }
+}
