@@ -3,8 +3,8 @@
 use crate::answers::Hits;
 use crate::arrays::{array, check_memory, leading, numbers, zeros};
 use crate::columns::{Number, OF_HITS, OF_LISTS, OF_POINTS, Out, Want, single};
-use crate::memory::{HitMemory, OfMesh, PointMemory, first_hits, first_points};
-use crate::rays::{Floats, Rays, part_of, rays_of, rows_of};
+use crate::memory::{HitMemory, OfInstances, PointMemory, first_hits, first_points};
+use crate::rays::{Floats, Rays, part_of, rows_of};
 use crate::threads::{FEW, FIRST_POINTS, FIRST_RAYS, Threads};
 use bytemuck::allocation::cast_vec;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
@@ -49,15 +49,21 @@ impl<'py> RayCall<'_, 'py> {
     ///
     /// # Errors
     /// For wrong arguments, too little memory, and interrupts; so, too, below.
-    pub fn cast(&self, py: Python<'py>, asked: Asked<'_>, want: Want, mesh: OfMesh<'_>) -> PyResult<Hits> {
+    pub fn cast(
+        &self,
+        py: Python<'py>,
+        asked: Asked<'_>,
+        want: Want,
+        of_instances: &OfInstances<'_>,
+    ) -> PyResult<Hits> {
         let (rays, rule) = (&self.rays, self.rule);
         want.check_memory(rays.len())?;
         let out = self.out.map(Out::new).transpose()?;
         let mut memory = HitMemory::new(&want, out.as_ref(), rays.leading())?;
-        let (mut columns, all) = (memory.columns(mesh)?, rays.all()?);
+        let (mut columns, all) = (memory.columns(of_instances)?, rays.all()?);
         Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
             let mut columns = first_hits(&mut columns, block.len());
-            asked.cast(&rays_of(&all, block), rule, &mut columns);
+            asked.cast(&all.part(block), rule, &mut columns);
             Ok(())
         })?;
         memory.into_hits(py, rays.leading())
@@ -74,7 +80,7 @@ impl<'py> RayCall<'_, 'py> {
         let mut answer = single::<T>(self.out, rays.leading())?;
         let (column, all) = (answer.slice_mut()?, rays.all()?);
         Threads::new(self.threads, rays.len(), FEW)?.in_blocks(py, rays.len(), FIRST_RAYS, |block| {
-            ask(&rays_of(&all, block.clone()), rule, &mut column[block]);
+            ask(&all.part(block.clone()), rule, &mut column[block]);
             Ok(())
         })?;
         answer.into_array(py, rays.leading(), 1)
@@ -110,9 +116,9 @@ impl<'py> RayCall<'_, 'py> {
         &self,
         py: Python<'py>,
         asked: Asked<'_>,
-        of_triangles: &[f32],
+        of_instances: &[&[f32]],
     ) -> PyResult<Bound<'py, PyAny>> {
-        self.each(py, |rays, rule, sums| asked.sum_along(of_triangles, rays, rule, sums))
+        self.each(py, |rays, rule, sums| asked.sum_along(of_instances, rays, rule, sums))
     }
 
     /// All hits of rays, or so many of the nearest.
@@ -128,15 +134,15 @@ impl<'py> RayCall<'_, 'py> {
         let (all, mut columns) = (self.rays.all()?, list_columns(&want));
         let bytes = want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
         Threads::new(self.threads, count, FEW)?.in_blocks(py, count, FIRST_RAYS, |block| {
+            if block.start == 0 {
+                asked.expect_hits(&all, rule, most, &mut columns);
+            }
             let length = LISTED_RAYS * rayon::current_num_threads();
             for first in block.clone().step_by(length) {
-                let some = rays_of(&all, first..block.end.min(first + length));
+                let some = all.part(first..block.end.min(first + length));
                 let appended = asked.append_hits(&some, rule, most, &mut columns);
                 appended.map_err(|error| PyMemoryError::new_err(error.to_string()))?;
                 check_memory("the list of hits", columns.len(), bytes)?;
-                if columns.offsets.len() <= count {
-                    columns.expect_rays(count);
-                }
             }
             Ok(())
         })?;

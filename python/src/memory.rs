@@ -4,7 +4,7 @@ use crate::answers::Hits;
 use crate::columns::{Column, Number, Out, Want};
 use bytemuck::Pod;
 use pyo3::prelude::*;
-use raystream_rays::query::{Attribute, HitColumns, Interpolated, NearestColumns};
+use raystream_rays::query::{Attribute, HitColumns, Interpolated, NearestColumns, VertexNormals};
 
 /// A column with its name and the numbers of each answer.
 struct Slot<'py, T: Number> {
@@ -44,12 +44,11 @@ fn add<'py, T: Number>(
     Ok(())
 }
 
-/// What columns read that belong to a mesh.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct OfMesh<'a> {
-    pub normals: &'a [[f32; 3]],
-    pub triangles: &'a [[u32; 3]],
-    pub attributes: &'a [f32],
+/// What columns read that belongs to triangles, by instance; of one for a mesh.
+#[derive(Clone, Debug, Default)]
+pub struct OfInstances<'a> {
+    pub normals: Vec<VertexNormals<'a>>,
+    pub attributes: Vec<&'a [f32]>,
 }
 
 /// Columns of first hits.
@@ -88,23 +87,20 @@ impl<'py> HitMemory<'py> {
     ///
     /// # Errors
     /// Never: columns are contiguous.
-    pub fn columns<'a>(&'a mut self, mesh: OfMesh<'a>) -> PyResult<HitColumns<'a>> {
-        let OfMesh { normals, triangles, attributes } = mesh;
+    pub fn columns<'a>(&'a mut self, of_instances: &'a OfInstances<'_>) -> PyResult<HitColumns<'a>> {
+        let OfInstances { normals, attributes } = of_instances;
         Ok(HitColumns {
             t: rows(&mut self.t)?,
             primitive: rows(&mut self.primitive)?,
             instance: rows(&mut self.instance)?,
             uv: rows(&mut self.uv)?,
             normal: rows(&mut self.normal)?,
-            shading_normal: rows(&mut self.shading_normal)?.map(|column| Interpolated {
-                normals,
-                triangles,
-                column,
-            }),
+            shading_normal: rows(&mut self.shading_normal)?
+                .map(|column| Interpolated { of_instances: normals, column }),
             position: rows(&mut self.position)?,
             position64: rows(&mut self.position64)?,
             attribute: rows(&mut self.attribute)?
-                .map(|column| Attribute { of_triangles: attributes, column }),
+                .map(|column| Attribute { of_instances: attributes, column }),
         })
     }
 
@@ -136,15 +132,15 @@ fn first<'a, T>(column: &mut Option<&'a mut [T]>, count: usize) -> Option<&'a mu
 
 /// The first rows of columns of hits, which are left with the others.
 pub fn first_hits<'a>(columns: &mut HitColumns<'a>, count: usize) -> HitColumns<'a> {
-    let shading_normal = columns.shading_normal.take().map(|Interpolated { normals, triangles, column }| {
+    let shading_normal = columns.shading_normal.take().map(|Interpolated { of_instances, column }| {
         let (column, others) = column.split_at_mut(count);
-        columns.shading_normal = Some(Interpolated { normals, triangles, column: others });
-        Interpolated { normals, triangles, column }
+        columns.shading_normal = Some(Interpolated { of_instances, column: others });
+        Interpolated { of_instances, column }
     });
-    let attribute = columns.attribute.take().map(|Attribute { of_triangles, column }| {
+    let attribute = columns.attribute.take().map(|Attribute { of_instances, column }| {
         let (column, others) = column.split_at_mut(count);
-        columns.attribute = Some(Attribute { of_triangles, column: others });
-        Attribute { of_triangles, column }
+        columns.attribute = Some(Attribute { of_instances, column: others });
+        Attribute { of_instances, column }
     });
     HitColumns {
         t: first(&mut columns.t, count),

@@ -295,7 +295,7 @@ pub fn load(py: Python<'_>, path: PathBuf, threads: Option<usize>) -> PyResult<P
 fn loaded(path: &Path) -> anyhow::Result<MeshTarget> {
     let scene = load_with(path, &LoadOptions::default().with_allow_missing(true))?;
     for warning in &scene.warnings {
-        log::warn!("{}: {warning}", path.display());
+        log::warn!(target: "raystream", "{}: {warning}", path.display());
     }
     let rows = |vectors: &[Vec3]| Arc::new(bytemuck::cast_slice::<Vec3, [f32; 3]>(vectors).to_vec());
     let (vertices, faces) = (rows(&scene.mesh.positions), Arc::new(scene.mesh.triangles.clone()));

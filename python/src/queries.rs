@@ -89,8 +89,9 @@ impl Queries {
     ///
     /// `want` names what is computed, and nothing else is: t, primitive (the row of `faces`), instance, uv (weights
     /// of the second and third corner), normal (geometric, of length 1, on the side from which corners are seen
-    /// counterclockwise), shading_normal (interpolated between the mesh's `normals`), position, position64,
-    /// attribute. `out` has arrays to write to by the names of columns, or is an earlier answer.
+    /// counterclockwise), shading_normal (interpolated between the mesh's `normals`, and turned as its instance is),
+    /// position, position64, attribute (of the triangle). `out` has arrays to write to by the names of columns, or is an
+    /// earlier answer.
     ///
     /// With `rule="closed"` edges and corners belong to all their triangles: no ray slips through, of equally near
     /// triangles the first is hit. With "half-open" it is the one that a ray moved by an infinitesimal amount would
@@ -119,7 +120,7 @@ impl Queries {
         let rays = Rays::new(rays, directions, t_min, t_max, check)?;
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
         let (want, target) = (calls::of_hits(want)?, self.ready(py)?);
-        call.cast(py, target.asked(), want, target.of_mesh(&want)?)
+        call.cast(py, target.asked(), want, &target.of_instances(&want)?)
     }
 
     /// For each ray, True if it hits anything: a bool array in the shape of the rays. Faster than `cast`, whose
@@ -241,8 +242,8 @@ impl Queries {
 
     /// The sum of a number of each triangle over all hits of each ray, float32: the exact sum, rounded once.
     ///
-    /// `attribute` is `(f,)`, a number for each triangle; a world takes those of one instance after the other.
-    /// Without it a mesh uses its own.
+    /// `attribute` is `(f,)`, a number for each triangle; a world takes those of one instance after the other,
+    /// without those that are hidden. Without it each mesh uses its own.
     #[pyo3(signature = (
         rays, directions=None, *, t_min=None, t_max=None, attribute=None, rule="half-open", out=None,
         threads=None, check=false
@@ -265,12 +266,11 @@ impl Queries {
         let call = RayCall { rays, rule: calls::rule(rule)?, out, threads };
         let target = self.ready(py)?;
         let given = attribute.map(|attribute| numbers::<f32>(attribute, "attribute")).transpose()?;
-        let of_triangles = match &given {
-            Some(given) => given.as_slice()?,
+        let of_instances = match &given {
+            Some(given) => target.attributes_of(given.as_slice()?)?,
             None => target.attributes()?,
         };
-        target.check_attributes(of_triangles.len())?;
-        call.sum_along(py, target.asked(), of_triangles)
+        call.sum_along(py, target.asked(), &of_instances)
     }
 
     /// The point of the surface nearest to each point, `(.., 3)`: an answer with the columns of `want` among distance,

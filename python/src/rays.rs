@@ -215,21 +215,6 @@ impl<'py> Rays<'py> {
     }
 }
 
-/// Some of the rays.
-pub fn rays_of<'a>(rays: &query::Rays<'a>, range: std::ops::Range<usize>) -> query::Rays<'a> {
-    use query::Rays;
-    match *rays {
-        Rays::Rays(rays) => Rays::Rays(&rays[range]),
-        Rays::Rows(rows, limits) => Rays::Rows(&rows[range], limits),
-        Rays::Rows64(rows, limits) => Rays::Rows64(&rows[range], limits),
-        Rays::Pairs(a, b, limits) => Rays::Pairs(&a[range.clone()], &b[range], limits),
-        Rays::Pairs64(a, b, limits) => Rays::Pairs64(&a[range.clone()], &b[range], limits),
-        Rays::Segments(a, b) => Rays::Segments(&a[range.clone()], &b[range]),
-        Rays::Segments64(a, b) => Rays::Segments64(&a[range.clone()], &b[range]),
-        _ => unreachable!("rays are made by `Rays::all`"),
-    }
-}
-
 /// Rows of an array.
 ///
 /// # Errors

@@ -2,11 +2,11 @@
 
 use crate::calls::Asked;
 use crate::columns::Want;
-use crate::memory::OfMesh;
+use crate::memory::OfInstances;
 use glam::DMat4;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use raystream_rays::query;
+use raystream_rays::query::{self, VertexNormals};
 use std::sync::Arc;
 
 /// What answers a question. Clones share memory.
@@ -124,45 +124,79 @@ impl Target {
         }
     }
 
-    /// Numbers of the triangles of a mesh.
-    ///
-    /// # Errors
-    /// If it has none.
-    pub fn attributes(&self) -> PyResult<&[f32]> {
-        let missing =
-            || PyValueError::new_err("the mesh has no attributes; pass attributes= when it is made");
-        self.mesh()?.attributes.as_ref().map(|attributes| attributes.as_slice()).ok_or_else(missing)
+    /// The meshes of instances, `None` for those that cannot be hit; one for a mesh.
+    fn meshes(&self) -> Vec<Option<&MeshTarget>> {
+        let world = match self {
+            Self::Mesh(target) => return vec![Some(target)],
+            Self::World(target) => target,
+        };
+        let seen = world.instances.iter().map(|of| of.as_ref().filter(|instance| instance.is_visible));
+        seen.map(|instance| Some(&instance?.mesh)).collect()
     }
 
-    /// Checks that there is a number for each triangle.
+    /// What each mesh that can be hit has, and nothing for others.
     ///
     /// # Errors
-    /// If there is not.
-    pub fn check_attributes(&self, found: usize) -> PyResult<()> {
-        let expected = match self {
-            Self::Mesh(target) => target.faces.len(),
-            Self::World(target) => target.triangle_count(),
+    /// If a mesh lacks it.
+    fn each<'a, T: Default>(
+        &'a self,
+        what: &str,
+        of: impl Fn(&'a MeshTarget) -> Option<T>,
+    ) -> PyResult<Vec<T>> {
+        let (meshes, alone) = (self.meshes(), matches!(self, Self::Mesh(_)));
+        let whose = |at| if alone { "the mesh".into() } else { format!("the mesh of instance {at}") };
+        let missing =
+            |at| PyValueError::new_err(format!("{} has no {what}; pass {what}= when it is made", whose(at)));
+        let each = |(at, mesh): (usize, Option<&'a MeshTarget>)| match mesh {
+            Some(mesh) => of(mesh).ok_or_else(|| missing(at)),
+            None => Ok(T::default()),
         };
-        if found == expected {
-            return Ok(());
+        meshes.into_iter().enumerate().map(each).collect()
+    }
+
+    /// Numbers of the triangles of each instance.
+    ///
+    /// # Errors
+    /// If a mesh has none.
+    pub fn attributes(&self) -> PyResult<Vec<&[f32]>> {
+        self.each("attributes", |mesh| Some(mesh.attributes.as_ref()?.as_slice()))
+    }
+
+    /// Numbers of the triangles of one instance after the other, by instance.
+    ///
+    /// # Errors
+    /// If there is not one for each triangle.
+    pub fn attributes_of<'a>(&self, all: &'a [f32]) -> PyResult<Vec<&'a [f32]>> {
+        let counts = self.meshes().into_iter().map(|mesh| mesh.map_or(0, |mesh| mesh.faces.len()));
+        let counts: Vec<usize> = counts.collect();
+        let (found, expected) = (all.len(), counts.iter().sum::<usize>());
+        if found != expected {
+            return Err(PyValueError::new_err(format!(
+                "attribute has {found} numbers for {expected} triangles"
+            )));
         }
-        Err(PyValueError::new_err(format!("attribute has {found} numbers for {expected} triangles")))
+        let mut rest = all;
+        let first = |count| {
+            let (first, others) = rest.split_at(count);
+            rest = others;
+            first
+        };
+        Ok(counts.into_iter().map(first).collect())
     }
 
     /// What wanted columns read.
     ///
     /// # Errors
-    /// If the mesh lacks it.
-    pub fn of_mesh(&self, want: &Want) -> PyResult<OfMesh<'_>> {
-        let mut of = OfMesh::default();
+    /// If a mesh lacks it.
+    pub fn of_instances(&self, want: &Want) -> PyResult<OfInstances<'_>> {
+        let mut of = OfInstances::default();
         if want.has("attribute") {
             of.attributes = self.attributes()?;
         }
         if want.has("shading_normal") {
-            let mesh = self.mesh()?;
-            let missing = || PyValueError::new_err("the mesh has no normals; pass normals= when it is made");
-            of.normals = mesh.normals.as_ref().ok_or_else(missing)?;
-            of.triangles = &mesh.faces;
+            of.normals = self.each("normals", |mesh| {
+                Some(VertexNormals { normals: mesh.normals.as_ref()?, triangles: &mesh.faces })
+            })?;
         }
         Ok(of)
     }

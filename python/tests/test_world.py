@@ -48,6 +48,37 @@ class Worlds(unittest.TestCase):
             self.world.set_transforms(0, np.zeros((4, 4)))
         np.testing.assert_array_equal(self.world.cast(self.rays).t, expected)
 
+    def test_triangles_carry_the_numbers_and_normals_of_their_instance(self):
+        up = np.tile(np.float32([0, 1, 0]), (8, 1))
+        meshes = [rs.Mesh(CORNERS, FACES, 100 * i + np.arange(12), normals=up) for i in range(2)]
+        world, turned = rs.World(), np.eye(4)
+        turned[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+        world.add(meshes[0])
+        world.set_visible(world.add(self.mesh), False)
+        world.add(meshes[1], shift(3) @ turned)
+        hits = world.cast(self.rays, want="primitive instance attribute shading_normal")
+        self.assertEqual(set(np.unique(hits.instance)), {-1, 0, 2})
+        expected = np.where(hits.hit, 50 * hits.instance + hits.primitive, np.nan)
+        np.testing.assert_array_equal(hits.attribute, np.float32(expected))
+        np.testing.assert_array_equal(hits.shading_normal[hits.instance == 0], [[0, 1, 0]] * (hits.instance == 0).sum())
+        np.testing.assert_array_equal(
+            hits.shading_normal[hits.instance == 2], [[-1, 0, 0]] * (hits.instance == 2).sum()
+        )
+        numbers = np.concatenate([mesh.attributes for mesh in meshes])
+        sums = world.sum_along(self.rays)
+        np.testing.assert_array_equal(sums, world.sum_along(self.rays, attribute=numbers))
+        lists = world.all_hits(self.rays, want="primitive instance")
+        np.testing.assert_array_equal(
+            sums, np.bincount(lists.ray, 50 * lists.instance + lists.primitive, len(self.rays))
+        )
+        with self.assertRaisesRegex(ValueError, "23 numbers for 24 triangles"):
+            world.sum_along(self.rays, attribute=numbers[1:])
+        world.set_visible(1, True)
+        with self.assertRaisesRegex(ValueError, "the mesh of instance 1 has no normals; pass normals="):
+            world.cast(self.rays, want="shading_normal")
+        with self.assertRaisesRegex(ValueError, "the mesh of instance 1 has no attributes"):
+            world.sum_along(self.rays)
+
     def test_instances_go_and_hide(self):
         self.world.remove(self.ids[0])
         self.world.set_visible(self.ids[3], False)

@@ -183,6 +183,11 @@ impl Bvh {
     pub fn instances(&self) -> &[TreeInstance] {
         self.instances.as_ref().map_or(&[], |instances| &instances.all)
     }
+
+    /// The motion of the instance that a primitive belongs to; `None` for one in world space.
+    pub(crate) fn placement_of(&self, primitive: u32) -> Option<&Placement> {
+        self.instances.as_ref()?.owner(primitive).placement.as_ref()
+    }
 }
 
 /// Sets the boxes of instances that have been moved, as [`rough_bounds`] does. A task, since it computes by eights.

@@ -97,6 +97,14 @@ impl Placement {
         )
     }
 
+    /// The direction of the normal of a moved surface, of any length: it stays on its side, also where the motion
+    /// mirrors.
+    pub fn normal(&self, normal: Vec3) -> DVec3 {
+        let [x, y, z] = self.rows.map(|[x, y, z, _]| Vec3::new(x, y, z).as_dvec3());
+        let (across, normal) = ([y.cross(z), z.cross(x), x.cross(y)], normal.as_dvec3());
+        DVec3::from_array(across.map(|row| row.dot(normal))) * x.dot(across[0]).signum()
+    }
+
     /// A box around all moved points of a box. An empty box stays empty.
     #[inline]
     pub fn bounds(&self, of: &Aabb) -> Aabb {

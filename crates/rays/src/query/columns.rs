@@ -3,6 +3,7 @@
 use super::normals::write_normals;
 use super::rays::Rays;
 use super::target::Target;
+use super::world::WorldHit;
 use crate::stream::Hit;
 use glam::{DVec3, Vec3};
 
@@ -44,23 +45,50 @@ pub struct HitColumns<'a> {
     pub attribute: Option<Attribute<'a>>,
 }
 
-/// Column of normals that are interpolated over triangles. For a mesh alone; an instance does not turn them.
+/// Column of normals that are interpolated over triangles, and turned as their instance is.
+///
+/// ```
+/// use raystream_rays::glam::{Affine3A, Vec3};
+/// use raystream_rays::query::{HitColumns, Interpolated, Mesh, Ray, RayQueries, Rule, VertexNormals, World};
+///
+/// let (corners, triangles) = ([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]]);
+/// let mesh = Mesh::build(&corners, &triangles)?;
+/// // The instance mirrors the mesh; its normals point upwards, the geometric one downwards.
+/// let world = World::build(&[(mesh, Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0)))])?;
+/// let (up, mut normals, mut shading) = ([[0.0, 0.0, 1.0]; 3], [[0.0; 3]], [[0.0; 3]]);
+/// let of_instances = [VertexNormals { normals: &up, triangles: &triangles }];
+/// let mut columns = HitColumns {
+///     normal: Some(&mut normals),
+///     shading_normal: Some(Interpolated { of_instances: &of_instances, column: &mut shading }),
+///     ..HitColumns::default()
+/// };
+/// let ray = [Ray::new([-0.25, 0.5, 2.0], [0.0, 0.0, -1.0])];
+/// world.cast(&(&ray).into(), Rule::Closed, &mut columns);
+/// assert_eq!((normals, shading), ([[0.0, 0.0, -1.0]], [[0.0, 0.0, 1.0]]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Interpolated<'a> {
+    /// The normals of each instance, empty for those that cannot be hit; one for a mesh.
+    pub of_instances: &'a [VertexNormals<'a>],
+    /// The column.
+    pub column: &'a mut [[f32; 3]],
+}
+
+/// Normals of the vertices of a mesh.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VertexNormals<'a> {
     /// A normal for each vertex.
     pub normals: &'a [[f32; 3]],
     /// The triangles of the mesh, which index `normals`.
     pub triangles: &'a [[u32; 3]],
-    /// The column.
-    pub column: &'a mut [[f32; 3]],
 }
 
 /// Column of numbers of the triangles that are hit.
 #[derive(Debug)]
 pub struct Attribute<'a> {
-    /// A number for each triangle; for a world those of one instance after the other, of
-    /// those that can be hit.
-    pub of_triangles: &'a [f32],
+    /// For each instance a number for each of its triangles, none for instances that cannot be hit; one for a mesh.
+    pub of_instances: &'a [&'a [f32]],
     /// The column.
     pub column: &'a mut [f32],
 }
@@ -134,15 +162,14 @@ impl HitColumns<'_> {
             normal: self.normal.as_deref_mut(),
             position: self.position.as_deref_mut(),
             position64: self.position64.as_deref_mut(),
-            shading_normal: self.shading_normal.as_mut().map(|of| Interpolated {
-                normals: of.normals,
-                triangles: of.triangles,
-                column: &mut *of.column,
-            }),
+            shading_normal: self
+                .shading_normal
+                .as_mut()
+                .map(|of| Interpolated { of_instances: of.of_instances, column: &mut *of.column }),
             attribute: self
                 .attribute
                 .as_mut()
-                .map(|of| Attribute { of_triangles: of.of_triangles, column: &mut *of.column }),
+                .map(|of| Attribute { of_instances: of.of_instances, column: &mut *of.column }),
         }
     }
 
@@ -230,15 +257,28 @@ impl ColumnWriter<'_> {
             let at = |i: usize| self.position(i, &hits[i]).to_array();
             column.iter_mut().enumerate().for_each(|(i, position)| *position = at(i));
         }
-        if let Some(Interpolated { normals, triangles, column }) = shading_normal {
+        if let Some(Interpolated { of_instances, column }) = shading_normal {
             for (normal, hit) in column.iter_mut().zip(hits) {
-                *normal = if hit.is_miss() { [0.0; 3] } else { interpolated(hit, normals, triangles) };
+                *normal = if hit.is_miss() { [0.0; 3] } else { self.shading_normal(hit, of_instances) };
             }
         }
-        if let Some(Attribute { of_triangles, column }) = attribute {
+        if let Some(Attribute { of_instances, column }) = attribute {
             for (value, hit) in column.iter_mut().zip(hits) {
-                *value = if hit.is_miss() { f32::NAN } else { of_triangles[hit.primitive as usize] };
+                *value = if hit.is_miss() { f32::NAN } else { self.target.number_of(hit, of_instances) };
             }
+        }
+    }
+
+    /// The unit normal between the corners of the triangle that is hit.
+    fn shading_normal(&self, hit: &Hit, of_instances: &[VertexNormals<'_>]) -> [f32; 3] {
+        let WorldHit { instance, primitive, u, v, .. } = self.target.world_hit(hit);
+        let VertexNormals { normals, triangles } = of_instances[instance as usize];
+        let [a, b, c] =
+            triangles[primitive as usize].map(|corner| Vec3::from_array(normals[corner as usize]));
+        let normal = (1.0 - u - v) * a + u * b + v * c;
+        match self.target.tracers.bvh().placement_of(hit.primitive) {
+            Some(placement) => placement.normal(normal).normalize_or_zero().as_vec3().to_array(),
+            None => normal.normalize_or_zero().to_array(),
         }
     }
 
@@ -261,12 +301,4 @@ impl ColumnWriter<'_> {
         }
         self.rays.at(self.first + index, f64::from(hit.t))
     }
-}
-
-/// The unit normal between the corners of a triangle.
-fn interpolated(hit: &Hit, normals: &[[f32; 3]], triangles: &[[u32; 3]]) -> [f32; 3] {
-    let [a, b, c] =
-        triangles[hit.primitive as usize].map(|corner| Vec3::from_array(normals[corner as usize]));
-    let sum = (1.0 - hit.u - hit.v) * a + hit.u * b + hit.v * c;
-    sum.normalize_or_zero().to_array()
 }

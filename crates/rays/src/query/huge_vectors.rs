@@ -21,11 +21,9 @@ pub fn grow<T>(vector: &mut Vec<T>, more: usize) -> Result<(), TryReserveError> 
     Ok(())
 }
 
-/// Makes room for as many elements in all, if there is enough memory; for twice as many as before at least, so that
-/// guesses that grow little by little do not copy all elements each time.
-pub fn reserve_huge<T>(vector: &mut Vec<T>, len: usize) {
-    let capacity = vector.capacity();
-    if len > capacity && vector.try_reserve_exact(len.max(2 * capacity) - vector.len()).is_ok() {
+/// Makes room for more elements, and no others, if there is enough memory.
+pub fn reserve_huge<T>(vector: &mut Vec<T>, more: usize) {
+    if more > vector.capacity() - vector.len() && vector.try_reserve_exact(more).is_ok() {
         advise(vector);
     }
 }

@@ -35,6 +35,13 @@ impl Listing {
 /// The most rays whose hits one thread lists at a time: a sub-stream, whose hits stay in the second-level cache.
 const LISTED_AT_ONCE: usize = 16 * 1024;
 
+/// So many rays in every so many have their hits counted before memory is reserved.
+const COUNTED_AT_ONCE: usize = 16;
+const COUNTED_OF: usize = 4096;
+
+/// Room for hits, by the number that is expected.
+const MORE_HITS: f64 = 1.1;
+
 /// The most hits that a thread keeps memory for.
 const KEPT_HITS: usize = 1 << 20;
 
@@ -99,11 +106,9 @@ impl HitListColumns {
         self.len() == 0
     }
 
-    /// Makes room for the hits of as many rays in all, with a tenth more hits each than the rays so far have had. The
-    /// system provides memory only where it is written. Nothing happens if there is not enough.
-    pub fn expect_rays(&mut self, rays: usize) {
-        let listed = self.offsets.len().saturating_sub(1).max(1);
-        let hits = (self.len() as f64 * 1.1 * rays as f64 / listed as f64) as usize;
+    /// Makes room for more rays and hits, if there is enough memory. The system provides memory only where it
+    /// is written.
+    fn reserve(&mut self, rays: usize, hits: usize) {
         let Self { offsets, ray, t, primitive, instance, uv } = self;
         reserve_huge(offsets, rays + 1);
         ray.iter_mut().for_each(|column| reserve_huge(column, hits));
@@ -269,6 +274,20 @@ impl Target<'_> {
         let mut lists = HitLists { offsets: vec![0], hits: Vec::new() };
         self.append_hits(rays, rule, most, &mut lists)?;
         Ok(lists)
+    }
+
+    /// Makes room for the first `most` hits of every ray.
+    pub(super) fn expect_hits(&self, rays: &Rays<'_>, rule: Rule, most: usize, columns: &mut HitListColumns) {
+        let (mut counts, mut hits, mut counted) = ([0; COUNTED_AT_ONCE], 0, 0);
+        for first in (0..rays.len().saturating_sub(COUNTED_AT_ONCE)).step_by(COUNTED_OF) {
+            self.count_hits(&rays.part(first..first + COUNTED_AT_ONCE), rule, &mut counts);
+            hits += counts.iter().map(|&count| most.min(count as usize)).sum::<usize>();
+            counted += COUNTED_AT_ONCE;
+        }
+        if counted > COUNTED_AT_ONCE {
+            columns
+                .reserve(rays.len(), (hits as f64 * MORE_HITS * rays.len() as f64 / counted as f64) as usize);
+        }
     }
 
     /// Appends the first `most` hits of every ray.

@@ -72,7 +72,7 @@ pub use crate::geom::{Placement, PlacementError};
 pub use crate::stream::{Hit, MISS, Ray};
 pub use crate::trace::cpu::{CpuTracer, SimdError, SimdLevel};
 pub use closed::OpenMesh;
-pub use columns::{Attribute, HitColumns, Interpolated};
+pub use columns::{Attribute, HitColumns, Interpolated, VertexNormals};
 pub use hemispheres::{Hemisphere, hemispheres};
 pub use lists::{HitListColumns, HitLists};
 pub use mesh::Mesh;

@@ -148,6 +148,22 @@ impl Rays<'_> {
         self.len() == 0
     }
 
+    /// Consecutive rays.
+    ///
+    /// # Panics
+    /// If there are no such rays.
+    pub fn part(&self, range: std::ops::Range<usize>) -> Self {
+        match *self {
+            Self::Rays(rays) => Self::Rays(&rays[range]),
+            Self::Rows(rows, limits) => Self::Rows(&rows[range], limits),
+            Self::Rows64(rows, limits) => Self::Rows64(&rows[range], limits),
+            Self::Pairs(a, b, limits) => Self::Pairs(&a[range.clone()], &b[range], limits),
+            Self::Pairs64(a, b, limits) => Self::Pairs64(&a[range.clone()], &b[range], limits),
+            Self::Segments(a, b) => Self::Segments(&a[range.clone()], &b[range]),
+            Self::Segments64(a, b) => Self::Segments64(&a[range.clone()], &b[range]),
+        }
+    }
+
     /// The point of a ray at a `t`, in the caller's units. A segment is at its first point at 0 and at the second at 1.
     ///
     /// # Panics

@@ -90,13 +90,13 @@ pub trait RayQueries {
         self.target().at_least(count, rays, rule, answers);
     }
 
-    /// The sum of a number of each triangle over all hits of every ray: the exact sum, rounded once. A world has the
-    /// numbers of one instance after the other, of those that can be hit.
+    /// The sum of a number of each triangle over all hits of every ray: the exact sum, rounded once. `of_instances` has
+    /// for each instance a number for each of its triangles, none for instances that cannot be hit; one for a mesh.
     ///
     /// # Panics
-    /// If there is not one number for each triangle, or one sum per ray.
-    fn sum_along(&self, of_triangles: &[f32], rays: &Rays<'_>, rule: Rule, sums: &mut [f32]) {
-        self.target().sum_along(of_triangles, rays, rule, sums);
+    /// If there is not one number for each triangle that is hit, or one sum per ray.
+    fn sum_along(&self, of_instances: &[&[f32]], rays: &Rays<'_>, rule: Rule, sums: &mut [f32]) {
+        self.target().sum_along(of_instances, rays, rule, sums);
     }
 
     /// The first `most` hits of every ray, nearest first; `usize::MAX` for all.
@@ -120,6 +120,13 @@ pub trait RayQueries {
         columns: &mut HitListColumns,
     ) -> Result<(), TryReserveError> {
         self.target().append_hits(rays, rule, most, columns)
+    }
+
+    /// Makes room in empty columns for the first `most` hits of every ray, by counting those of one ray in 256. Calls of
+    /// [`RayQueries::append_hits`] for parts of the rays then copy nothing that is in the columns. Nothing happens if
+    /// there is not enough memory, or if there are few rays.
+    fn expect_hits(&self, rays: &Rays<'_>, rule: Rule, most: usize, columns: &mut HitListColumns) {
+        self.target().expect_hits(rays, rule, most, columns);
     }
 
     /// The point nearest to every point, at most `max_distance` away, which may be +∞; of equally near ones the one of
@@ -157,6 +164,13 @@ impl Target<'_> {
         let Some(firsts) = self.firsts else { return WorldHit { t, u, v, instance: 0, primitive } };
         let instance = firsts.partition_point(|&first| first <= primitive) - 1;
         WorldHit { t, u, v, instance: instance as u32, primitive: primitive - firsts[instance] }
+    }
+
+    /// A number of the triangle that is hit.
+    #[inline]
+    pub(super) fn number_of(&self, hit: &Hit, of_instances: &[&[f32]]) -> f32 {
+        let WorldHit { instance, primitive, .. } = self.world_hit(hit);
+        of_instances[instance as usize][primitive as usize]
     }
 
     fn cast(&self, rays: &Rays<'_>, rule: Rule, columns: &mut HitColumns<'_>) {
@@ -289,13 +303,12 @@ impl Target<'_> {
         });
     }
 
-    fn sum_along(&self, of_triangles: &[f32], rays: &Rays<'_>, rule: Rule, sums: &mut [f32]) {
+    fn sum_along(&self, of_instances: &[&[f32]], rays: &Rays<'_>, rule: Rule, sums: &mut [f32]) {
         assert_eq!(rays.len(), sums.len(), "one sum per ray");
-        assert_eq!(of_triangles.len(), self.tracers.bvh().len(), "one number per triangle");
         in_parts(rays.len(), sums, SUMMED_AT_ONCE, |first, len, sums| {
             let mut exact = vec![ExactSum::default(); len];
             self.visit_hits(rays, first, len, rule, &mut |ray, hit| {
-                exact[ray].add(of_triangles[hit.primitive as usize]);
+                exact[ray].add(self.number_of(hit, of_instances));
                 true
             });
             sums.iter_mut().zip(exact).for_each(|(sum, exact)| *sum = exact.rounded());

@@ -86,11 +86,10 @@ fn columns_of_positions_and_of_triangles_are_interpolated() {
     let mut columns = HitColumns {
         position: Some(&mut position),
         shading_normal: Some(Interpolated {
-            normals: &normals,
-            triangles: &[[0, 1, 2]],
+            of_instances: &[VertexNormals { normals: &normals, triangles: &[[0, 1, 2]] }],
             column: &mut shading,
         }),
-        attribute: Some(Attribute { of_triangles: &[9.0], column: &mut attribute }),
+        attribute: Some(Attribute { of_instances: &[&[9.0]], column: &mut attribute }),
         ..HitColumns::default()
     };
     mesh.cast(&(&down).into(), Rule::Closed, &mut columns);
@@ -99,6 +98,56 @@ fn columns_of_positions_and_of_triangles_are_interpolated() {
     assert_eq!((attribute[0], shading[1]), (9.0, [0.0; 3]));
     let expected = Vec3::new(0.0, 0.25, 0.75).normalize();
     assert!(Vec3::from(shading[0]).distance(expected) < 1e-6);
+}
+
+#[test]
+fn a_worlds_columns_of_triangles_are_those_of_the_instance_that_is_hit() {
+    let (positions, triangles) = hills(12);
+    // Each triangle has corners of its own, whose normals are the triangle's.
+    let corners: Vec<Vec3> = triangles.as_flattened().iter().map(|&at| positions[at as usize]).collect();
+    let own: Vec<[u32; 3]> = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let normal = |c: &[Vec3]| [(c[1] - c[0]).cross(c[2] - c[0]).normalize().to_array(); 3];
+    let normals: Vec<[f32; 3]> = corners.chunks_exact(3).flat_map(normal).collect();
+    let mesh = Mesh::build(&corners, &own).expect("sound");
+    let scale = |x: f32| Affine3A::from_rotation_y(0.3) * Affine3A::from_scale(Vec3::new(x, 2.0, 1.0));
+    let below = |y: f32| Affine3A::from_translation(Vec3::NEG_Y * y);
+    let places = [scale(0.5), below(1.0), below(2.0) * scale(-0.5)];
+    let mut world = World::build(&places.map(|place| (mesh.clone(), place))).expect("regular");
+    world.set_visible(1, false).expect("there");
+
+    let numbers: Vec<Vec<f32>> =
+        (0..3).map(|at| (0..own.len()).map(|i| (1000 * at + i) as f32).collect()).collect();
+    let of_triangles = VertexNormals { normals: &normals, triangles: &own };
+    let of_instances = [of_triangles, VertexNormals::default(), of_triangles];
+    let numbers_of_instances: [&[f32]; 3] = [&numbers[0], &[], &numbers[2]];
+    let all = rays(3000);
+    let (mut shading, mut number) = (vec![[7.0; 3]; all.len()], vec![7.0; all.len()]);
+    let mut columns = HitColumns {
+        shading_normal: Some(Interpolated { of_instances: &of_instances, column: &mut shading }),
+        attribute: Some(Attribute { of_instances: &numbers_of_instances, column: &mut number }),
+        ..HitColumns::default()
+    };
+    world.cast(&(&all).into(), Rule::Closed, &mut columns);
+    let mut hits_of = [0; 3];
+    for (i, hit) in world.closest(&all).iter().enumerate() {
+        if hit.is_miss() {
+            assert!(number[i].is_nan() && shading[i] == [0.0; 3]);
+            continue;
+        }
+        hits_of[hit.instance as usize] += 1;
+        assert_eq!(number[i], (1000 * hit.instance + hit.primitive) as f32);
+        let side = if hit.instance == 2 { -1.0 } else { 1.0 };
+        assert!(side * world.normal(hit).dot(Vec3::from(shading[i])) > 0.9999, "{hit:?}");
+    }
+    assert!(hits_of[0] > 100 && hits_of[1] == 0 && hits_of[2] > 100, "{hits_of:?}");
+
+    let mut sums = vec![7.0; all.len()];
+    world.sum_along(&numbers_of_instances, &(&all).into(), Rule::HalfOpen, &mut sums);
+    let lists = world.list_hits(&(&all).into(), Rule::HalfOpen, usize::MAX).expect("memory");
+    let number = |hit: &WorldHit| (1000 * hit.instance + hit.primitive) as f32;
+    for (ray, sum) in sums.iter().enumerate() {
+        assert_eq!(*sum, lists.of(ray).iter().map(number).sum::<f32>());
+    }
 }
 
 #[test]

@@ -225,7 +225,7 @@ fn all_crossings_are_those_of_brute_force_at_every_level_and_on_any_pool() {
         (vec![false; rows.len()], vec![false; rows.len()], vec![0.0; rows.len()]);
     mesh.at_least(2, &rays, Rule::HalfOpen, &mut twice);
     mesh.cast_occluded(&rays, Rule::HalfOpen, &mut any);
-    mesh.sum_along(&numbers, &rays, Rule::HalfOpen, &mut sums);
+    mesh.sum_along(&[&numbers], &rays, Rule::HalfOpen, &mut sums);
     for ray in 0..rows.len() {
         let hits = expected.of(ray);
         assert_eq!(nearest.of(ray), &hits[..hits.len().min(1)]);
