@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Races the wheel beside embreex and Open3D: one process, the same arrays, CPU time, rounds that interleave.
+"""Races the wheel beside embreex, Open3D and Warp: one process, the same arrays, CPU time, rounds that interleave.
 
-scripts/race_python_peers.py [MESH..] [--threads 1 2]  The interpreter has raystream, embreex, Open3D and trimesh, which
-reads the meshes. Without any, three are generated. Prints tables for docs/results/python.md.
+scripts/race_python_peers.py [MESH..] [--threads 1 2] [--only QUESTION]..  The interpreter has raystream, embreex,
+Open3D, Warp (on the CPU, which is one thread), and trimesh, which reads the meshes. Without any, three are generated.
+Prints tables for docs/results/python.md.
 """
 
 import argparse
@@ -20,6 +21,7 @@ import numpy as np
 import open3d
 import raystream
 import trimesh
+import warp_peer
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
@@ -27,13 +29,14 @@ SECONDS = 0.4  # of a measurement, at least
 
 
 class Peers:
-    """The three libraries with one mesh."""
+    """The libraries with one mesh."""
 
     def __init__(self, vertices, faces):
         self.ours = raystream.Mesh(vertices, faces)
         self.embree = rtcore_scene.EmbreeScene()
         TriangleMesh(self.embree, vertices, faces.astype(np.int32))
         self.embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+        self.warp = warp_peer.Queries(vertices, faces)
         self.scenes = {}
         for threads in (1, 2):
             scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
@@ -56,6 +59,7 @@ def questions(peers, rays, points, threads, pool):
     """Each question: its name, ours, and the peers'."""
     origins, directions = np.ascontiguousarray(rays[:, :3]), np.ascontiguousarray(rays[:, 3:])
     tensor, near = open3d.core.Tensor(rays), open3d.core.Tensor(points)
+    warp = lambda name, call: {name: call} if threads == 1 else {}  # noqa: E731
     ours, scene, n = peers.ours, peers.scenes[threads], threads
     run = lambda **keywords: embree_run(peers, pool, n, (origins, directions), **keywords)  # noqa: E731
     few = [rays[:1], rays[:100], rays[:10_000]]
@@ -70,6 +74,7 @@ def questions(peers, rays, points, threads, pool):
         "raystream": lambda: ours.cast(rays, threads=n),
         "embreex": run(output=1),
         "Open3D": lambda: scene.cast_rays(tensor, nthreads=n),
+        **warp("Warp", lambda: peers.warp.cast(rays)),
     }
     yield "cast with uv, normals", {
         "raystream": lambda: ours.cast(rays, want="t primitive uv normal", threads=n),
@@ -92,6 +97,7 @@ def questions(peers, rays, points, threads, pool):
     yield "nearest", {
         "raystream": lambda: ours.nearest(points, threads=n),
         "Open3D": lambda: scene.compute_closest_points(near, nthreads=n),
+        **warp("Warp", lambda: peers.warp.nearest(points)),
     }
     yield "contains", {
         "raystream": lambda: ours.contains(points, allow_open=True, threads=n),
@@ -100,6 +106,40 @@ def questions(peers, rays, points, threads, pool):
     yield "signed distance", {
         "raystream": lambda: ours.signed_distance(points, allow_open=True, threads=n),
         "Open3D": lambda: scene.compute_signed_distance(near, nthreads=n),
+    }
+
+
+def lidar():
+    """A lidar of 64 x 1024 rays over 100 rings that move a little before each turn: ours, and Warp's two ways."""
+    ring = trimesh.creation.torus(1.0, 0.4, major_sections=64, minor_sections=32)
+    rng, frames = np.random.default_rng(2), []
+    vertices, faces = np.float32(ring.vertices), ring.faces
+    axes, at = rng.normal(size=(100, 3)), rng.uniform(-20, 20, (100, 3)) * [1, 1, 0.1]
+    for step in range(8):
+        # Little by little, so that a tree that is refitted stays good.
+        turn = trimesh.transformations.rotation_matrix
+        transforms = np.stack([turn(0.05 * step + 2 * axis[0], axis) for axis in axes])
+        transforms[:, :3, 3] = at + 0.02 * step
+        frames.append(transforms)
+    angles = np.radians(np.linspace(-20, 20, 64)), np.linspace(-np.pi, np.pi, 1024, endpoint=False)
+    rays = raystream.rays.lidar(*angles, np.eye(4)).reshape(-1, 6)
+    world, mesh = raystream.World(), raystream.Mesh(vertices, faces)
+    ids = [world.add(mesh, transform) for transform in frames[0]]
+    turned = iter(frames * 10_000)
+
+    def ours():
+        world.set_transforms(ids, next(turned))
+        return world.cast(rays, threads=1)
+
+    def theirs(peer):
+        peer.move(next(turned))
+        return peer.cast(rays)
+
+    refitted, rebuilt = (warp_peer.World(vertices, faces, frames[0], rebuilds) for rebuilds in (False, True))
+    return {
+        "raystream": ours,
+        "Warp, refitted": lambda: theirs(refitted),
+        "Warp, rebuilt": lambda: theirs(rebuilt),
     }
 
 
@@ -166,7 +206,9 @@ def main():
     parser.add_argument("--rays", type=int, default=1_000_000)
     parser.add_argument("--points", type=int, default=20_000)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", action="append", metavar="QUESTION")
     arguments = parser.parse_args()
+    asked = lambda question: not arguments.only or question in arguments.only  # noqa: E731
 
     ratios, pool = {}, ThreadPoolExecutor(2)
     for name, vertices, faces in named(arguments.meshes) if arguments.meshes else generated():
@@ -177,7 +219,7 @@ def main():
             for kind, rays in kinds.items():
                 for question, calls in questions(peers, rays, points, threads, pool):
                     of_points = question in ("nearest", "contains", "signed distance")
-                    if of_points and kind == "random":
+                    if of_points and kind == "random" or not asked(question):
                         continue
                     seconds = race(calls, arguments.rounds)
                     ours = seconds.pop("raystream")
@@ -186,6 +228,12 @@ def main():
                     print(f"{what}: {1e6 * ours:.1f} us; {others}", flush=True)
                     for peer, time_ in seconds.items():
                         ratios.setdefault((question, threads, peer), []).append(time_ / ours)
+    if asked("lidar"):
+        seconds = race(lidar(), arguments.rounds)
+        ours = seconds.pop("raystream")
+        others = ", ".join(f"{peer} {time / ours:.2f}" for peer, time in seconds.items())
+        print(f"100 rings, 1: lidar: {1e6 * ours:.1f} us; {others}", flush=True)
+        ratios["lidar", 1, "Warp"] = [min(seconds.values()) / ours]
     print("\n| question | threads | peer | peer's CPU time / ours, mean | least |\n|---|---:|---|---:|---:|")
     for (question, threads, peer), found in ratios.items():
         print(f"| {question} | {threads} | {peer} | {statistics.geometric_mean(found):.2f} | {min(found):.2f} |")
