@@ -13,5 +13,6 @@ mod tls;
 mod tokens;
 #[path = "../cli/viewer.rs"]
 mod viewer;
+mod webhooks;
 
 use service::{Service, folder, shipped};

@@ -33,7 +33,7 @@ fn open() -> [Route; 5] {
     .map(|route| route.access(Access::Open))
 }
 
-fn of_jobs() -> [Route; 12] {
+fn of_jobs() -> [Route; 13] {
     [
         Route::get("/api/v1/jobs", "Jobs, the latest first; `cursor` leads to the next page", jobs::list)
             .query(&[
@@ -68,6 +68,12 @@ fn of_jobs() -> [Route; 12] {
             events::of_job,
         )
         .media(EVENTS),
+        Route::get(
+            "/api/v1/jobs/{id}/deliveries",
+            "Who is called when a job has ended, and what became of the calls",
+            jobs::deliveries,
+        )
+        .answer("Deliveries"),
         Route::get(
             "/api/v1/jobs/{id}/timeline",
             "Who rendered which unit when, as a Chrome trace",

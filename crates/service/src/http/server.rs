@@ -2,6 +2,7 @@
 
 use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
+use super::reach::Reach;
 use super::state::{Inner, State};
 use super::{roots, routes, webhook};
 use crate::backend::RenderBackend;
@@ -51,6 +52,8 @@ pub struct Options {
     pub insecure: bool,
     /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
     pub ca: Option<PathBuf>,
+    /// Where webhooks may go.
+    pub reach: Reach,
     /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
@@ -130,7 +133,8 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, ca, open_to_drake, names, limits, scene, farm } = options;
+    let Options { listen, data, tls, insecure, ca, reach, open_to_drake, names, limits, scene, farm } =
+        options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -157,6 +161,7 @@ pub fn run(
         ledger,
         store,
         runner: Arc::clone(&runner),
+        reach: reach.clone(),
         host_names: names,
         own_scene: scene,
         is_secure: tls.is_some(),
@@ -172,7 +177,7 @@ pub fn run(
         .enable_io()
         .enable_time()
         .build()?;
-    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?)?;
+    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();

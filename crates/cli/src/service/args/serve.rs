@@ -3,10 +3,11 @@
 use crate::args::{SceneArgs, SpecArgs, UnitArgs};
 use clap::parser::ValueSource;
 use clap::{Args, FromArgMatches};
+use ipnet::IpNet;
 use raystream::picture::LightSpec;
 use raystream::picture::form::{Form, Seconds};
 use raystream_service::contract::Failpoint;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -29,6 +30,9 @@ pub struct ServeArgs {
     /// [default: the system's].
     #[arg(long, value_name = "FILE")]
     pub ca: Option<PathBuf>,
+    /// Network that webhooks may call besides public addresses, as 10.0.0.0/8 or 127.0.0.1. Repeatable.
+    #[arg(long, value_name = "NETWORK", value_parser = network)]
+    pub webhook_network: Vec<IpNet>,
     /// Listen at an address of other machines without TLS.
     #[arg(long)]
     pub insecure: bool,
@@ -263,6 +267,13 @@ pub struct CheckSceneArgs {
     /// Light besides its own.
     #[command(flatten)]
     pub light: SpecArgs<LightSpec>,
+}
+
+/// A network, or the one address of one.
+fn network(text: &str) -> Result<IpNet, String> {
+    let address = || text.parse::<IpAddr>().map(IpNet::from);
+    let found = text.parse::<IpNet>().or_else(|_| address());
+    found.map_err(|_| "write an address, or one with a length of its prefix as 10.0.0.0/8".into())
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use raystream::picture::{Registry, RenderSpec};
 use raystream_service::backend::{LoadedScenes, RenderBackend, SCHEDULED};
 use raystream_service::contract::{Limits, Pack, ScenePack};
 use raystream_service::coordinator::{FarmOptions, OwnScene};
-use raystream_service::http::{Options, Stop, TOKEN_FILE, Tls};
+use raystream_service::http::{Options, Reach, Stop, TOKEN_FILE, Tls};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
@@ -65,6 +65,7 @@ fn serve(
         tls: tls.map(|(certificate, key)| Tls { certificate, key }),
         insecure: *insecure,
         ca: args.ca.clone(),
+        reach: Reach::new(args.webhook_network.clone()),
         open_to_drake: args.drake,
         names: name.clone(),
         limits,

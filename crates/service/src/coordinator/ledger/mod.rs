@@ -2,6 +2,7 @@
 //! write-ahead mode, whose commits reach the disk before they are answered. Pixels lie in files beside it.
 
 mod checks;
+mod deliveries;
 mod jobs;
 mod rows;
 mod schema;
@@ -11,6 +12,7 @@ mod tokens;
 mod units;
 mod usage;
 
+pub use deliveries::{Delivery, DeliveryState, DueCall, Outcome};
 pub use jobs::Accepted;
 pub use rows::{
     Checks, Event, EventsOf, FrameRow, Job, JobFilter, JobState, NewJob, Pending, Rendering, Totals, UnitRow,

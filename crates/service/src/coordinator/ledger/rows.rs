@@ -2,6 +2,7 @@
 
 use super::usage::Quotas;
 use crate::backend::JobCost;
+use crate::coordinator::request::Webhook;
 use raystream::render::BLOCK;
 use raystream::schedule::Priority;
 use rusqlite::Row;
@@ -152,8 +153,8 @@ pub struct NewJob {
     pub priority: Priority,
     /// The client's name of the request, if it gives one.
     pub idempotency_key: Option<String>,
-    /// True if someone is to be called when it ends.
-    pub has_webhook: bool,
+    /// The address that is called when it ends.
+    pub webhook: Option<Webhook>,
     /// Its title; empty if it has none.
     pub title: String,
     /// Words by which it is found.
