@@ -27,6 +27,10 @@ pub enum ServiceCommand {
     Timeline(LeftOutArgs),
     /// Left out of this build: abandons a job of a service.
     Cancel(LeftOutArgs),
+    /// Left out of this build: deletes a job of a service.
+    Delete(LeftOutArgs),
+    /// Left out of this build: keeps a job of a service until someone deletes it.
+    Pin(LeftOutArgs),
     /// Left out of this build: shows a scene in a browser.
     View(LeftOutArgs),
 }

@@ -7,6 +7,7 @@ mod kills;
 mod loaded;
 mod quotas;
 mod refusals;
+mod retention;
 mod service;
 mod tenants;
 mod tls;

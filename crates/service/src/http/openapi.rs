@@ -115,11 +115,13 @@ fn answers() -> [(&'static str, Value); 5] {
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
         "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
         "frames": count(), "frames_done": count(), "units": count(), "units_done": count(),
+        "pinned": { "type": "boolean" }, "deliveries": { "type": "object" },
         "pictures": { "type": "array", "items": { "type": "object", "required": ["frame", "name", "hash"] } } } });
     let scene = json!({ "type": "object", "required": ["sha256", "bytes"],
         "properties": { "sha256": text(), "bytes": count() } });
     let steered = json!({ "type": "object", "required": ["id", "state"],
-        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities() } });
+        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities(),
+            "pinned": { "type": "boolean" } } });
     let end = json!({ "type": ["integer", "null"] });
     let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms", "quotas", "used"],
         "properties": {

@@ -65,6 +65,17 @@ pub struct Delivery {
     pub error: Option<String>,
 }
 
+/// The number of deliveries of a job in each state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct DeliveryCounts {
+    /// Those that are to be made.
+    pub waiting: u32,
+    /// Those that were made.
+    pub delivered: u32,
+    /// Those that were given up.
+    pub failed: u32,
+}
+
 /// A call that is to be made now.
 #[derive(Clone, Debug)]
 pub struct DueCall {
@@ -131,6 +142,23 @@ impl Ledger {
                  WHERE job = ?1 ORDER BY created_ms, id",
             )?;
             select.query_map([job], Delivery::of)?.collect()
+        })
+    }
+
+    /// The number of deliveries of a job in each state.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn delivery_counts(&self, job: &str) -> Result<DeliveryCounts, LedgerError> {
+        self.read(|connection| {
+            let mut select = connection.prepare_cached(
+                "SELECT count(*) FILTER (WHERE state = 0), count(*) FILTER (WHERE state = 1), \
+                 count(*) FILTER (WHERE state = 2) FROM delivery WHERE job = ?1",
+            )?;
+            select.query_row([job], |row| {
+                let (waiting, delivered, failed) = (row.get(0)?, row.get(1)?, row.get(2)?);
+                Ok(DeliveryCounts { waiting, delivered, failed })
+            })
         })
     }
 

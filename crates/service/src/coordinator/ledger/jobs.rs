@@ -191,7 +191,7 @@ impl Ledger {
                 return Ok(Some(job.state));
             }
             let ended = to.has_ended().then(now_ms);
-            let update = "UPDATE job SET state = ?2, error = ?3, ended_ms = ?4 WHERE id = ?1";
+            let update = "UPDATE job SET state = ?2, error = ?3, ended_ms = ?4, bytes = NULL WHERE id = ?1";
             transaction.execute(update, params![id, to.name(), error, ended])?;
             let data = error.map_or(json!({}), |error| json!({ "error": error }));
             note(transaction, &id, to.name(), &data)?;

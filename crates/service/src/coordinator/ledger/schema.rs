@@ -8,8 +8,8 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 8] =
-    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES];
+const MIGRATIONS: [&str; 9] =
+    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES, RETENTION];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -242,6 +242,22 @@ const DELIVERIES: &str = "
     DROP TABLE call;
     UPDATE job SET request = json_remove(request, '$.webhook')
         WHERE json_extract(request, '$.webhook') IS NOT NULL;
+";
+
+/// Jobs are pinned or deleted, and so are the scenes that none needs. Folders that are to be removed are named.
+const RETENTION: &str = "
+    ALTER TABLE job ADD COLUMN pinned INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE job ADD COLUMN used_ms INTEGER;
+    ALTER TABLE job ADD COLUMN bytes INTEGER;
+    ALTER TABLE upload ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE upload ADD COLUMN is_left INTEGER NOT NULL DEFAULT 0;
+    UPDATE upload SET used_ms = created_ms;
+    CREATE TABLE leftover (
+        kind TEXT NOT NULL,
+        name TEXT NOT NULL,
+        PRIMARY KEY (kind, name)
+    ) WITHOUT ROWID;
+    CREATE INDEX job_scene ON job (scene, tenant);
 ";
 
 /// The version of the tables that are there; 0 if there are none.

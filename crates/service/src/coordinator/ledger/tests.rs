@@ -124,7 +124,7 @@ fn damage_and_newer_versions_are_told() {
     ledger.change(|connection| connection.pragma_update(None, "user_version", 99)).expect("changed");
     drop(ledger);
     assert!(matches!(Ledger::open(folder.path()), Err(LedgerError::Newer { version: 99, .. })));
-    std::fs::write(folder.path().join(FILE), b"SQLite format 3\0 and no more than that").expect("a file");
+    std::fs::write(folder.path().join(Ledger::FILE), b"SQLite format 3\0 and no more than that").expect("a file");
     assert!(Ledger::open(folder.path()).is_err());
 }
 
@@ -171,7 +171,7 @@ fn a_clock_that_is_set_back_delays_no_call() {
 #[test]
 fn calls_of_earlier_tables_are_deliveries() {
     let folder = tempfile::tempdir().expect("a folder");
-    let connection = Connection::open(folder.path().join(FILE)).expect("a database");
+    let connection = Connection::open(folder.path().join(Ledger::FILE)).expect("a database");
     schema::migrate_to(&connection, 7).expect("the tables of version 7");
     connection
         .execute_batch(
@@ -285,7 +285,7 @@ fn attempts_are_those_of_different_workers() {
 #[test]
 fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
     let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(FILE);
+    let path = folder.path().join(Ledger::FILE);
     let connection = Connection::open(&path).expect("a database");
     schema::migrate_to(&connection, 2).expect("the tables of version 2");
     connection
@@ -311,7 +311,7 @@ fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
 #[test]
 fn what_there_was_before_tenants_is_the_first_tokens() {
     let folder = tempfile::tempdir().expect("a folder");
-    let connection = Connection::open(folder.path().join(FILE)).expect("a database");
+    let connection = Connection::open(folder.path().join(Ledger::FILE)).expect("a database");
     schema::migrate_to(&connection, 3).expect("the tables of version 3");
     connection
         .execute_batch(

@@ -255,7 +255,8 @@ impl Ledger {
             let insert = "INSERT OR IGNORE INTO scene (sha256, bytes, created_ms) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![sha256, bytes as i64, now_ms()])?;
             if let Some(tenant) = tenant {
-                let insert = "INSERT OR IGNORE INTO upload (tenant, sha256, created_ms) VALUES (?1, ?2, ?3)";
+                let insert = "INSERT INTO upload (tenant, sha256, created_ms, used_ms) VALUES (?1, ?2, ?3, ?3) \
+                    ON CONFLICT (tenant, sha256) DO UPDATE SET used_ms = excluded.used_ms, is_left = 0";
                 transaction.execute(insert, params![tenant, sha256, now_ms()])?;
             }
             Ok(())

@@ -4,7 +4,7 @@ use super::{body, scenes};
 use crate::backend::JobCost;
 use crate::contract::{Problem, hex};
 use crate::coordinator::ledger::{
-    Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals, now_ms,
+    Accepted, Checks, Deleted, FrameRow, Job, JobFilter, JobState, NewJob, Totals, now_ms,
 };
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
@@ -85,6 +85,7 @@ fn accept(
     if may_share && let Some(job) = state.ledger().known(caller.tenant(), &request_hash)? {
         if has_pictures(state, &job.id)? {
             metrics::counter!("raystream_known_requests_total").increment(1);
+            state.ledger().use_job(&job.id)?;
             if let Some(hook) = webhook
                 && !state.ledger().add_delivery(&job.id, hook)?
             {
@@ -121,6 +122,7 @@ fn accept(
             answer(state, caller, &id, StatusCode::ACCEPTED)
         }
         Accepted::Shared(id) => {
+            state.ledger().use_job(&id)?;
             metrics::counter!("raystream_known_requests_total").increment(1);
             hasten(state, caller, &id, priority)?;
             answer(state, caller, &id, StatusCode::OK)
@@ -221,7 +223,7 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
         "left_s": left_s(job, progress), "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
         "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
-        "suspects": suspects,
+        "suspects": suspects, "pinned": job.is_pinned, "deliveries": state.ledger().delivery_counts(&job.id)?,
     }))
 }
 
@@ -393,6 +395,69 @@ pub async fn retry(
     body: Body,
 ) -> Result<Json<Value>, Problem> {
     steer((state, caller, id), body, LOST, JobState::Queued).await
+}
+
+/// `DELETE /api/v1/jobs/{id}`.
+pub async fn delete(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    state
+        .blocking(move |state| {
+            caller.job(state, &id)?;
+            let conflict = |detail: String| Problem::new(StatusCode::CONFLICT, detail);
+            match state.runner().delete_job(&id)? {
+                Deleted::Gone => {
+                    log::info!("job {id}: deleted by {}", caller.name());
+                    Ok(StatusCode::NO_CONTENT)
+                }
+                Deleted::Missing => Err(Problem::missing(format!("job {id:?}"))),
+                Deleted::Pinned => Err(conflict("the job is pinned; unpin it first".into())),
+                Deleted::Active(now) => {
+                    let detail = format!("the job is {now}; cancel it, or wait until it has ended");
+                    Err(conflict(detail).with("state", now.name()))
+                }
+            }
+        })
+        .await
+}
+
+/// `POST /api/v1/jobs/{id}/pin`: the job is kept until someone deletes it.
+pub async fn pin(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    set_pinned((state, caller, id), body, true).await
+}
+
+/// `POST /api/v1/jobs/{id}/unpin`.
+pub async fn unpin(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    set_pinned((state, caller, id), body, false).await
+}
+
+/// Pins a job, or lets it go. The body says nothing.
+async fn set_pinned(
+    (state, caller, id): (State, Caller, String),
+    body: Body,
+    is_pinned: bool,
+) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
+    state
+        .blocking(move |state| {
+            caller.job(state, &id)?;
+            state.ledger().pin(&id, is_pinned)?;
+            let job = caller.job(state, &id)?;
+            Ok(Json(json!({ "id": id, "state": job.state, "pinned": job.is_pinned })))
+        })
+        .await
 }
 
 #[derive(Deserialize)]
