@@ -11,6 +11,7 @@
 //! workers are threads of this process, and everything else is the same.
 
 mod answers;
+mod backup;
 mod data_folder;
 pub mod decisions;
 mod files;
@@ -30,6 +31,7 @@ mod trouble;
 mod verdicts;
 mod workers;
 
+pub use backup::{BackupError, Copied, backup, restore};
 pub use data_folder::{DataFolder, FolderError};
 pub use own_scene::{KeptScene, OwnScene};
 pub use request::{JobRequest, Webhook, parse_priority};

@@ -15,7 +15,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 const AT_ONCE: usize = 200;
 
 /// The file of a data folder that a backup locks: what it has begun to copy stays.
-const BACKUP_LOCK: &str = "backup.lock";
+pub(super) const BACKUP_LOCK: &str = "backup.lock";
 
 /// What is kept of jobs that have ended. Pinned jobs are kept in any case.
 #[derive(Clone, Copy, Debug, Default)]

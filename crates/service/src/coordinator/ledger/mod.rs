@@ -7,6 +7,7 @@ mod jobs;
 mod retention;
 mod rows;
 mod schema;
+mod snapshot;
 #[cfg(test)]
 mod tests;
 mod tokens;
