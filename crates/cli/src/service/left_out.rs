@@ -27,6 +27,14 @@ pub enum ServiceCommand {
     Timeline(LeftOutArgs),
     /// Left out of this build: abandons a job of a service.
     Cancel(LeftOutArgs),
+    /// Left out of this build: deletes a job of a service.
+    Delete(LeftOutArgs),
+    /// Left out of this build: keeps a job of a service until someone deletes it.
+    Pin(LeftOutArgs),
+    /// Left out of this build: copies a service's data folder.
+    Backup(LeftOutArgs),
+    /// Left out of this build: makes a data folder of a copy.
+    Restore(LeftOutArgs),
     /// Left out of this build: shows a scene in a browser.
     View(LeftOutArgs),
 }

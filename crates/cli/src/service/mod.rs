@@ -1,6 +1,7 @@
 //! Commands of the service, its clients and its workers.
 
 mod args;
+mod backup;
 mod bench_live;
 mod farm;
 mod serve;
@@ -11,7 +12,7 @@ pub use bench_live::run as bench_live;
 use crate::Outcome;
 use anyhow::Result;
 use args::{
-    CancelArgs, CheckSceneArgs, FarmCommand, FetchArgs, JobsArgs, ServeArgs, SubmitArgs, TimelineArgs,
+    BackupArgs, CancelArgs, CheckSceneArgs, DeleteArgs, FarmCommand, FetchArgs, JobsArgs, PinArgs, ServeArgs, SubmitArgs, TimelineArgs,
     TokenCommand, ViewArgs, WorkerArgs,
 };
 use clap::Subcommand;
@@ -40,6 +41,14 @@ pub enum ServiceCommand {
     Timeline(TimelineArgs),
     /// Abandon a job of a service.
     Cancel(CancelArgs),
+    /// Delete a job of a service that has ended, with its pictures.
+    Delete(DeleteArgs),
+    /// Keep a job of a service until someone deletes it.
+    Pin(PinArgs),
+    /// Copy ledger, scenes and results of a service into a new folder, while it runs.
+    Backup(BackupArgs),
+    /// Make a data folder of a copy.
+    Restore(BackupArgs),
     /// Show a scene in a browser: walk through it while it renders.
     View(Box<ViewArgs>),
     /// Read a scene for the service.
@@ -63,6 +72,10 @@ impl ServiceCommand {
             Self::Fetch(args) => serve::fetch(args),
             Self::Timeline(args) => serve::timeline(args),
             Self::Cancel(args) => serve::cancel(args),
+            Self::Delete(args) => serve::delete(args),
+            Self::Pin(args) => serve::pin(args),
+            Self::Backup(args) => backup::backup(args),
+            Self::Restore(args) => backup::restore(args),
             Self::View(args) => serve::view(args, registry),
             Self::CheckScene(args) => serve::check_scene(args),
         }

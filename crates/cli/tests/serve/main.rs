@@ -1,17 +1,20 @@
 //! The service as its users meet it: real processes, real requests, real kills.
 
 mod attacks;
+mod backups;
 mod drake;
 mod jobs;
 mod kills;
 mod loaded;
 mod quotas;
 mod refusals;
+mod retention;
 mod service;
 mod tenants;
 mod tls;
 mod tokens;
 #[path = "../cli/viewer.rs"]
 mod viewer;
+mod webhooks;
 
 use service::{Service, folder, shipped};

@@ -125,6 +125,13 @@ impl Service {
         self.child.wait().expect("it ended");
     }
 
+    /// The same, if it has not ended by itself.
+    pub fn kill_if_alive(mut self) {
+        // It may have ended.
+        let _ = self.child.kill();
+        self.child.wait().expect("it ended");
+    }
+
     /// Waits for the process to end by itself.
     pub fn wait_for_end(&mut self) -> Option<i32> {
         let began = Instant::now();

@@ -13,7 +13,7 @@ pub struct Failpoint {
 static CHOSEN: OnceLock<Failpoint> = OnceLock::new();
 
 /// The places.
-const PLACES: [&str; 10] = [
+const PLACES: [&str; 12] = [
     "before-commit",
     "after-commit",
     "film-written",
@@ -24,6 +24,8 @@ const PLACES: [&str; 10] = [
     "folding",
     "unit-rendered",
     "result-sent",
+    "job-deleted",
+    "folder-moved",
 ];
 
 impl std::str::FromStr for Failpoint {

@@ -61,7 +61,7 @@ impl DataFolder {
 }
 
 /// Makes the data folder, for its owner alone. One that is there becomes so: it holds secrets, scenes and pictures.
-fn make_private(data: &Path) -> io::Result<()> {
+pub(super) fn make_private(data: &Path) -> io::Result<()> {
     if data.is_dir() {
         #[cfg(unix)]
         {

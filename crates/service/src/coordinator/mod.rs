@@ -11,6 +11,7 @@
 //! workers are threads of this process, and everything else is the same.
 
 mod answers;
+mod backup;
 mod data_folder;
 pub mod decisions;
 mod files;
@@ -22,6 +23,7 @@ mod own_scene;
 mod planner;
 mod request;
 pub mod results;
+mod retention;
 mod secret;
 pub mod store;
 mod task;
@@ -29,9 +31,11 @@ mod trouble;
 mod verdicts;
 mod workers;
 
+pub use backup::{BackupError, Copied, backup, restore};
 pub use data_folder::{DataFolder, FolderError};
 pub use own_scene::{KeptScene, OwnScene};
-pub use request::{JobRequest, parse_priority};
+pub use request::{JobRequest, Webhook, parse_priority};
+pub use retention::Retention;
 pub use secret::{Secret, hmac};
 pub use workers::ShownWorker;
 
@@ -81,6 +85,21 @@ impl std::fmt::Debug for FarmOptions {
     }
 }
 
+/// What a data folder holds, and how long it is kept.
+#[derive(Debug)]
+pub struct Record {
+    /// The ledger.
+    pub ledger: Arc<Ledger>,
+    /// The files.
+    pub store: Arc<Store>,
+    /// The key of leases and draws.
+    pub secret: Secret,
+    /// What is deleted by itself.
+    pub retention: Retention,
+    /// The SHA-256 of the service's own scene, which stays.
+    pub own_scene: Option<String>,
+}
+
 /// Works on jobs.
 pub struct Runner {
     pub(super) ledger: Arc<Ledger>,
@@ -98,6 +117,11 @@ pub struct Runner {
     changed: Condvar,
     queued: Mutex<VecDeque<(Job, Task, Arc<UnitWatch>)>>,
     has_queued: Condvar,
+    /// Called when a job was deleted, or the service ends.
+    has_ended: Condvar,
+    retention: Retention,
+    /// The scene of the service itself.
+    own_scene: Option<String>,
     ending: AtomicBool,
     threads: Mutex<Vec<JoinHandle<()>>>,
 }
@@ -123,6 +147,12 @@ struct State {
     swept: Option<Instant>,
     /// Counts calls of [`Runner::wake`].
     wakes: u64,
+    /// Counts how often the planner has looked at the ledger.
+    plans: u64,
+    /// Frames that were opened, and may still be written to.
+    opened: Vec<Weak<OpenFrame>>,
+    /// Jobs on which nothing has worked since the planner had looked so often.
+    resting: HashMap<String, u64>,
 }
 
 /// A job that is worked on.
@@ -152,11 +182,12 @@ impl Runner {
     /// # Errors
     /// If the system refuses a thread.
     pub fn start(
-        (ledger, store, secret): (Arc<Ledger>, Arc<Store>, Secret),
+        record: Record,
         backend: Arc<RenderBackend>,
         limits: Limits,
         farm: FarmOptions,
     ) -> std::io::Result<Arc<Self>> {
+        let Record { ledger, store, secret, retention, own_scene } = record;
         let bus = farm.bus.clone().unwrap_or_else(|| Arc::new(LocalBus::default()));
         let own = farm.bus.is_none().then(|| {
             let options = WorkerOptions {
@@ -189,6 +220,9 @@ impl Runner {
             changed: Condvar::new(),
             queued: Mutex::default(),
             has_queued: Condvar::new(),
+            has_ended: Condvar::new(),
+            retention,
+            own_scene,
             ending: AtomicBool::new(false),
             threads: Mutex::default(),
         });
@@ -203,7 +237,8 @@ impl Runner {
             let thread = std::thread::Builder::new().name(name).stack_size(8 << 20);
             thread.spawn(move || work(&own))
         };
-        let mut threads = vec![spawn("planner".into(), Self::plan_jobs)?];
+        let mut threads =
+            vec![spawn("planner".into(), Self::plan_jobs)?, spawn("retention".into(), Self::retain)?];
         for index in 0..TASK_THREADS {
             threads.push(spawn(format!("task {index}"), Self::do_tasks)?);
         }
@@ -330,6 +365,7 @@ impl Runner {
         }
         self.wake();
         self.has_queued.notify_all();
+        self.has_ended.notify_all();
         for thread in std::mem::take(&mut *self.threads.lock().expect("no holder panics")) {
             // Its panic has been reported.
             let _ = thread.join();

@@ -52,6 +52,6 @@ fn keep(pack: &ScenePack, store: &Store, ledger: &Ledger, limits: &Limits) -> Re
     }
     let mut upload = store.begin().map_err(refused)?;
     upload.write(&pack.bytes).map_err(refused)?;
-    let bytes = store.keep(upload, &pack.sha256, limits)?;
-    Ok(ledger.keep_scene(None, &pack.sha256, bytes)?)
+    store.keep(upload, &pack.sha256, limits, |bytes| ledger.keep_scene(None, &pack.sha256, bytes))?;
+    Ok(())
 }

@@ -35,6 +35,7 @@ impl Runner {
         let mut seen = 0;
         while !self.ending.load(SeqCst) {
             let planned = self.plan_once();
+            self.state().plans += 1;
             if let Err(error) = planned {
                 self.trouble.note(&error.to_string());
                 std::thread::sleep(NAP / 4);

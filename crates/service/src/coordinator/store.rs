@@ -1,17 +1,21 @@
 //! Scenes on the disk, by the SHA-256 of what was uploaded, and the files of jobs.
 
-use crate::contract::{Limits, Problem, entry_in, hex, inside, refused};
+use super::ledger::LedgerError;
+use crate::contract::{Limits, Problem, entry_in, failpoint, hex, inside, refused};
 use axum::http::StatusCode;
 use raystream::files::sync_folder;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// The folder that files of the service lie in.
 #[derive(Debug)]
 pub struct Store {
     data: PathBuf,
+    /// Held while a scene's folder comes or goes together with its row of the ledger.
+    scenes: Mutex<()>,
 }
 
 /// An upload whose bytes come one after another.
@@ -70,7 +74,7 @@ impl Store {
     /// # Errors
     /// If the folders cannot be made.
     pub fn open(data: &Path) -> io::Result<Self> {
-        let store = Self { data: data.to_owned() };
+        let store = Self { data: data.to_owned(), scenes: Mutex::default() };
         if store.temporary().exists() {
             std::fs::remove_dir_all(store.temporary())?;
         }
@@ -79,6 +83,11 @@ impl Store {
         }
         sync_folder(data)?;
         Ok(store)
+    }
+
+    /// The folder of all.
+    pub fn data(&self) -> &Path {
+        &self.data
     }
 
     /// The folder of what is not whole yet.
@@ -105,11 +114,18 @@ impl Store {
         Ok(Upload { file, hash: Sha256::new(), bytes: 0 })
     }
 
-    /// Keeps an upload whose hash is right. A pack is unpacked first. When this returns, the scene is on the disk.
+    /// Keeps an upload whose hash is right. A pack is unpacked first. When the scene is on the disk, `note` writes it
+    /// down with the number of bytes: no one removes it meanwhile.
     ///
     /// # Errors
-    /// If the hash is another, the pack is damaged or too large, or the disk refuses.
-    pub fn keep(&self, upload: Upload, sha256: &str, limits: &Limits) -> Result<u64, Problem> {
+    /// If the hash is another, the pack is damaged or too large, or the disk refuses; those of `note`.
+    pub fn keep(
+        &self,
+        upload: Upload,
+        sha256: &str,
+        limits: &Limits,
+        note: impl FnOnce(u64) -> Result<(), LedgerError>,
+    ) -> Result<u64, Problem> {
         let Upload { file, hash, bytes } = upload;
         let found = hex(&hash.finalize());
         if found != sha256 {
@@ -137,6 +153,7 @@ impl Store {
             io::copy(&mut file, &mut kept).and_then(|_| kept.sync_all()).map_err(refused)?;
         }
         sync_folder(folder.path()).map_err(refused)?;
+        let _held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = self.scene_folder(sha256);
         // Another upload of the same bytes may have been faster.
         if !kept.exists() {
@@ -144,7 +161,32 @@ impl Store {
             renamed.or_else(|error| if kept.exists() { Ok(()) } else { Err(error) }).map_err(refused)?;
         }
         sync_folder(&self.data.join("scenes")).map_err(refused)?;
+        note(bytes)?;
         Ok(bytes)
+    }
+
+    /// Removes a folder: first it leaves its place, whole, then its files go.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn discard(&self, folder: &Path) -> io::Result<()> {
+        let away = tempfile::tempdir_in(self.temporary())?;
+        match std::fs::rename(folder, away.path().join("gone")) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            moved => moved?,
+        }
+        sync_folder(folder.parent().unwrap_or(&self.data))?;
+        failpoint::pass("folder-moved");
+        away.close()
+    }
+
+    /// Removes the folder of a scene if it is of no use, which is asked while none is uploaded.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn discard_scene(&self, sha256: &str, is_useless: impl FnOnce() -> bool) -> io::Result<()> {
+        let _held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_useless() { self.discard(&self.scene_folder(sha256)) } else { Ok(()) }
     }
 
     /// Moves an upload of one glTF file into a folder of its own, which is removed with the value.
@@ -256,7 +298,7 @@ mod tests {
         let sha256 = hex(&Sha256::digest(bytes));
         let mut upload = store.begin().expect("an upload");
         upload.write(bytes).expect("a disk");
-        store.keep(upload, &sha256, limits).map(|_| sha256)
+        store.keep(upload, &sha256, limits, |_| Ok(())).map(|_| sha256)
     }
 
     #[test]
@@ -293,6 +335,6 @@ mod tests {
         let left = std::fs::read_dir(store.temporary()).expect("a folder").count();
         assert_eq!(left, 0, "nothing is left of what was refused");
         let upload = store.begin().expect("an upload");
-        assert_eq!(store.keep(upload, &sha256, &limits).expect_err("another").status().as_u16(), 422);
+        assert_eq!(store.keep(upload, &sha256, &limits, |_| Ok(())).expect_err("another").status().as_u16(), 422);
     }
 }

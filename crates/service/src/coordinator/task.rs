@@ -242,7 +242,9 @@ impl Runner {
             pending.into_iter().map(|pending| comparison(pending, &opened)).collect();
         let state = &mut *self.state();
         if let Some(run) = state.runs.get_mut(&job.id) {
-            run.frames.insert(frame, Arc::new(opened));
+            let opened = Arc::new(opened);
+            state.opened.push(Arc::downgrade(&opened));
+            run.frames.insert(frame, opened);
             state.comparisons.extend(comparisons);
         }
         Ok(())

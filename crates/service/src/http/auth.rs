@@ -3,12 +3,11 @@
 
 use crate::contract::{Problem, from_hex, hex, private_key, random_hex, write_private};
 use crate::coordinator::hmac;
-use crate::coordinator::ledger::{Ledger, LedgerError, Role, Token};
+use crate::coordinator::ledger::{Ledger, LedgerError, Role, Token, now_ms};
 use axum::http::StatusCode;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 use subtle::ConstantTimeEq;
 
 /// The file in the data folder from which programs of the same user read the first token. Its owner may move it
@@ -219,8 +218,9 @@ pub(super) fn unauthorised(why: &str) -> Problem {
     )
 }
 
+/// Seconds since 1970, by the ledger's clock.
 fn now() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+    now_ms().max(0).cast_unsigned() / 1000
 }
 
 #[cfg(test)]

@@ -43,12 +43,12 @@ impl Caller {
         job.ok_or_else(|| Problem::missing(format!("job {id:?}")))
     }
 
-    /// The bytes of a scene, if the caller may see it.
+    /// The bytes of a scene, if the caller may see it. It counts as used, so it stays for now.
     ///
     /// # Errors
     /// If the ledger cannot be used.
     pub fn scene(&self, state: &State, sha256: &str) -> Result<Option<u64>, Problem> {
-        Ok(state.ledger().scene_of(self.scope(), sha256)?)
+        Ok(state.ledger().use_scene(self.scope(), sha256)?)
     }
 
     /// Bounds of what the caller's tenant may use.

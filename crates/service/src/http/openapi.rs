@@ -2,7 +2,7 @@
 
 use super::route::{ANY, Access, Body, JSON, Route};
 use super::routes;
-use crate::coordinator::ledger::{JobState, Role};
+use crate::coordinator::ledger::{DeliveryState, JobState, Role};
 use axum::Json;
 use raystream::picture::RenderSpec;
 use raystream::schedule::Priority;
@@ -101,7 +101,7 @@ fn priorities() -> Value {
 }
 
 /// What answers hold.
-fn answers() -> [(&'static str, Value); 4] {
+fn answers() -> [(&'static str, Value); 5] {
     let text = || json!({ "type": "string" });
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
@@ -115,17 +115,25 @@ fn answers() -> [(&'static str, Value); 4] {
         "created_ms": { "type": "integer" }, "ended_ms": { "type": ["integer", "null"] },
         "error": { "type": ["string", "null"] }, "progress": { "type": "number", "minimum": 0, "maximum": 1 },
         "frames": count(), "frames_done": count(), "units": count(), "units_done": count(),
+        "pinned": { "type": "boolean" }, "deliveries": { "type": "object" },
         "pictures": { "type": "array", "items": { "type": "object", "required": ["frame", "name", "hash"] } } } });
     let scene = json!({ "type": "object", "required": ["sha256", "bytes"],
         "properties": { "sha256": text(), "bytes": count() } });
     let steered = json!({ "type": "object", "required": ["id", "state"],
-        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities() } });
+        "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities(),
+            "pinned": { "type": "boolean" } } });
     let end = json!({ "type": ["integer", "null"] });
     let caller = json!({ "type": "object", "required": ["name", "tenant", "role", "expires_ms", "quotas", "used"],
         "properties": {
-            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end,
+            "name": text(), "tenant": text(), "role": { "enum": Role::ALL.map(Role::name) }, "expires_ms": end.clone(),
             "quotas": { "type": "object" }, "used": { "type": "object" } } });
-    [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller)]
+    let delivery = json!({ "type": "object", "required": ["id", "url", "state", "attempts"], "properties": {
+        "id": text(), "url": text(), "state": { "enum": DeliveryState::ALL.map(DeliveryState::name) },
+        "attempts": count(), "created_ms": { "type": "integer" }, "last_ms": end.clone(), "next_ms": end.clone(),
+        "status": end.clone(), "error": { "type": ["string", "null"] } } });
+    let deliveries = json!({ "type": "object", "required": ["deliveries"],
+        "properties": { "deliveries": { "type": "array", "items": delivery } } });
+    [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller), ("Deliveries", deliveries)]
 }
 
 fn schemas() -> Value {

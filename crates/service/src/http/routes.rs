@@ -33,7 +33,7 @@ fn open() -> [Route; 5] {
     .map(|route| route.access(Access::Open))
 }
 
-fn of_jobs() -> [Route; 12] {
+fn of_jobs() -> [Route; 16] {
     [
         Route::get("/api/v1/jobs", "Jobs, the latest first; `cursor` leads to the next page", jobs::list)
             .query(&[
@@ -54,6 +54,11 @@ fn of_jobs() -> [Route; 12] {
         .body(Body::Json("JobRequest")),
         Route::get("/api/v1/jobs/{id}", "State, progress, pictures with their hashes", jobs::status)
             .answer("Job"),
+        Route::delete("/api/v1/jobs/{id}", "Delete a job that has ended, with its pictures", jobs::delete)
+            .codes(&[204]),
+        Route::post("/api/v1/jobs/{id}/pin", "Keep a job until someone deletes it", jobs::pin)
+            .answer("Steered"),
+        Route::post("/api/v1/jobs/{id}/unpin", "Let a job be deleted again", jobs::unpin).answer("Steered"),
         Route::post("/api/v1/jobs/{id}/cancel", "Abandon a job", jobs::cancel).answer("Steered"),
         Route::post("/api/v1/jobs/{id}/pause", "Let a job wait", jobs::pause).answer("Steered"),
         Route::post("/api/v1/jobs/{id}/resume", "Go on with a paused job", jobs::resume).answer("Steered"),
@@ -68,6 +73,12 @@ fn of_jobs() -> [Route; 12] {
             events::of_job,
         )
         .media(EVENTS),
+        Route::get(
+            "/api/v1/jobs/{id}/deliveries",
+            "Who is called when a job has ended, and what became of the calls",
+            jobs::deliveries,
+        )
+        .answer("Deliveries"),
         Route::get(
             "/api/v1/jobs/{id}/timeline",
             "Who rendered which unit when, as a Chrome trace",

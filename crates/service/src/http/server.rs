@@ -2,13 +2,14 @@
 
 use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
+use super::reach::Reach;
 use super::state::{Inner, State};
 use super::{roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
 use crate::coordinator::store::Store;
-use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Runner, Secret};
+use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
@@ -51,6 +52,10 @@ pub struct Options {
     pub insecure: bool,
     /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
     pub ca: Option<PathBuf>,
+    /// Where webhooks may go.
+    pub reach: Reach,
+    /// What is deleted by itself.
+    pub retention: Retention,
     /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
@@ -130,7 +135,8 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, ca, open_to_drake, names, limits, scene, farm } = options;
+    let Options { listen, data, tls, insecure, ca, reach, retention, open_to_drake, names, limits, scene, farm } =
+        options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -148,8 +154,10 @@ pub fn run(
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
-    let kept = (Arc::clone(&ledger), Arc::clone(&store), secret);
-    let runner = Runner::start(kept, Arc::clone(&backend), limits, farm)?;
+    let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
+    let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
+    let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
+    let runner = Runner::start(record, Arc::clone(&backend), limits, farm)?;
     let state = State::new(Inner {
         auth,
         limits,
@@ -157,6 +165,7 @@ pub fn run(
         ledger,
         store,
         runner: Arc::clone(&runner),
+        reach: reach.clone(),
         host_names: names,
         own_scene: scene,
         is_secure: tls.is_some(),
@@ -172,7 +181,7 @@ pub fn run(
         .enable_io()
         .enable_time()
         .build()?;
-    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?)?;
+    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();

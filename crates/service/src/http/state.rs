@@ -2,6 +2,7 @@
 
 use super::auth::Auth;
 use super::connections::Connections;
+use super::reach::Reach;
 use crate::backend::RenderBackend;
 use crate::contract::{Limits, Problem};
 use crate::coordinator::ledger::Ledger;
@@ -24,6 +25,7 @@ pub(super) struct Inner {
     pub ledger: Arc<Ledger>,
     pub store: Arc<Store>,
     pub runner: Arc<Runner>,
+    pub reach: Reach,
     pub host_names: Vec<String>,
     pub own_scene: Option<KeptScene>,
     pub is_secure: bool,
@@ -73,6 +75,11 @@ impl State {
 
     pub(super) fn runner(&self) -> &Arc<Runner> {
         &self.0.runner
+    }
+
+    /// Where webhooks may go.
+    pub(super) fn reach(&self) -> &Reach {
+        &self.0.reach
     }
 
     pub(super) fn host_names(&self) -> &[String] {

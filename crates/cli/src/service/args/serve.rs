@@ -3,10 +3,11 @@
 use crate::args::{SceneArgs, SpecArgs, UnitArgs};
 use clap::parser::ValueSource;
 use clap::{Args, FromArgMatches};
+use ipnet::IpNet;
 use raystream::picture::LightSpec;
 use raystream::picture::form::{Form, Seconds};
 use raystream_service::contract::Failpoint;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -29,6 +30,9 @@ pub struct ServeArgs {
     /// [default: the system's].
     #[arg(long, value_name = "FILE")]
     pub ca: Option<PathBuf>,
+    /// Network that webhooks may call besides public addresses, as 10.0.0.0/8 or 127.0.0.1. Repeatable.
+    #[arg(long, value_name = "NETWORK", value_parser = network)]
+    pub webhook_network: Vec<IpNet>,
     /// Listen at an address of other machines without TLS.
     #[arg(long)]
     pub insecure: bool,
@@ -54,6 +58,14 @@ pub struct ServeArgs {
     /// Most jobs that have not ended.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     pub max_jobs: u64,
+    /// Delete jobs so long after they have ended, and uploads that no job needs so long after they were last used:
+    /// 90m, 12h, 30d. Pinned jobs stay [default: never].
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    pub keep_for: Option<Duration>,
+    /// Delete the jobs that ended first while results have more bytes, as 500M or 200G. Pinned jobs stay
+    /// [default: no bound].
+    #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
+    pub keep_bytes: Option<u64>,
     /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
     #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
     pub tev: Option<String>,
@@ -246,6 +258,29 @@ pub struct CancelArgs {
     pub id: String,
 }
 
+/// `raystream delete`.
+#[derive(Debug, Args)]
+pub struct DeleteArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+}
+
+/// `raystream pin`.
+#[derive(Debug, Args)]
+pub struct PinArgs {
+    /// The service.
+    #[command(flatten)]
+    pub client: ClientArgs,
+    /// The job.
+    pub id: String,
+    /// Let it be deleted again.
+    #[arg(long)]
+    pub off: bool,
+}
+
 /// Reads a scene and counts its triangles, in a process that the service starts.
 #[derive(Debug, Args)]
 pub struct CheckSceneArgs {
@@ -265,6 +300,23 @@ pub struct CheckSceneArgs {
     pub light: SpecArgs<LightSpec>,
 }
 
+/// A time as `90m`, `12h` or `30d`.
+fn time(text: &str) -> Result<Duration, String> {
+    let units = [("s", 1), ("m", 60), ("h", 3600), ("d", 86_400)];
+    let seconds = units.iter().find_map(|(unit, seconds)| {
+        let count: u64 = text.strip_suffix(unit)?.parse().ok()?;
+        count.checked_mul(*seconds).filter(|seconds| (1..=100 * 365 * 86_400).contains(seconds))
+    });
+    seconds.map(Duration::from_secs).ok_or_else(|| "write a number and s, m, h or d, as in 30d".into())
+}
+
+/// A network, or the one address of one.
+fn network(text: &str) -> Result<IpNet, String> {
+    let address = || text.parse::<IpAddr>().map(IpNet::from);
+    let found = text.parse::<IpNet>().or_else(|_| address());
+    found.map_err(|_| "write an address, or one with a length of its prefix as 10.0.0.0/8".into())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -272,6 +324,16 @@ mod tests {
     fn sorted(words: &[&str]) -> Result<SubmitArgs, clap::Error> {
         let command = SubmitArgs::augment_args(clap::Command::new("submit").no_binary_name(true));
         SubmitArgs::from_arg_matches(&command.try_get_matches_from(words)?)?.sorted()
+    }
+
+    #[test]
+    fn times_have_units() {
+        for (text, seconds) in [("2s", 2), ("90m", 5400), ("12h", 43_200), ("30d", 2_592_000)] {
+            assert_eq!(time(text), Ok(Duration::from_secs(seconds)), "{text}");
+        }
+        for wrong in ["", "d", "0d", "-1d", "1.5h", "30", "99999999999999999999d", "40000d"] {
+            assert!(time(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub enum TokenCommand {
     Rotate(TokenRotateArgs),
 }
 
-/// The service whose tokens are meant.
+/// The data folder of a service.
 #[derive(Debug, Args)]
 pub struct DataArgs {
     /// Data folder of the service. It may run meanwhile.

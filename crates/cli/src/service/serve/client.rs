@@ -1,7 +1,7 @@
 //! The commands that talk to a service.
 
 use crate::args::{Cli, Command};
-use crate::service::args::{CancelArgs, ClientArgs, FetchArgs, JobsArgs, SubmitArgs, TimelineArgs};
+use crate::service::args::{CancelArgs, ClientArgs, DeleteArgs, FetchArgs, JobsArgs, PinArgs, SubmitArgs, TimelineArgs};
 use crate::{Outcome, command, options_file};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::FromArgMatches;
@@ -278,6 +278,34 @@ pub fn cancel(args: &CancelArgs) -> Result<Outcome> {
     let frames = answer["kept"]["frames"].as_array().map_or(0, Vec::len);
     let (units, all) = (&answer["kept"]["units"], &answer["kept"]["of_units"]);
     stdout_line!("job {id} is {}; kept: {frames} frames, {units} of {all} units", text(&answer, "state"));
+    Ok(Outcome::Done)
+}
+
+/// `raystream delete`.
+pub fn delete(args: &DeleteArgs) -> Result<Outcome> {
+    let id = checked(&args.id)?;
+    let client = Client::new(&args.client)?;
+    let request = client.told(client.agent.delete(client.url(&format!("/api/v1/jobs/{id}"))));
+    client.answered(request.call())?;
+    if args.client.json {
+        stdout_line!("{}", json!({ "id": id }));
+    } else {
+        stdout_line!("job {id} is deleted");
+    }
+    Ok(Outcome::Done)
+}
+
+/// `raystream pin`.
+pub fn pin(args: &PinArgs) -> Result<Outcome> {
+    let id = checked(&args.id)?;
+    let client = Client::new(&args.client)?;
+    let verb = if args.off { "unpin" } else { "pin" };
+    let answer = client.post(&format!("/api/v1/jobs/{id}/{verb}"), &json!({}), None)?;
+    if args.client.json {
+        stdout_line!("{answer}");
+    } else {
+        stdout_line!("job {id} is {}", if args.off { "not pinned" } else { "pinned" });
+    }
     Ok(Outcome::Done)
 }
 

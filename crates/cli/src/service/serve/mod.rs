@@ -5,7 +5,7 @@ mod client;
 mod view;
 
 pub use check_scene::run as check_scene;
-pub use client::{cancel, fetch, jobs, submit, timeline, trust};
+pub use client::{cancel, delete, fetch, jobs, pin, submit, timeline, trust};
 pub use view::run as view;
 
 use crate::Outcome;
@@ -16,8 +16,8 @@ use anyhow::Result;
 use raystream::picture::{Registry, RenderSpec};
 use raystream_service::backend::{LoadedScenes, RenderBackend, SCHEDULED};
 use raystream_service::contract::{Limits, Pack, ScenePack};
-use raystream_service::coordinator::{FarmOptions, OwnScene};
-use raystream_service::http::{Options, Stop, TOKEN_FILE, Tls};
+use raystream_service::coordinator::{FarmOptions, OwnScene, Retention};
+use raystream_service::http::{Options, Reach, Stop, TOKEN_FILE, Tls};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
@@ -65,6 +65,8 @@ fn serve(
         tls: tls.map(|(certificate, key)| Tls { certificate, key }),
         insecure: *insecure,
         ca: args.ca.clone(),
+        retention: Retention { keep_for: args.keep_for, keep_bytes: args.keep_bytes },
+        reach: Reach::new(args.webhook_network.clone()),
         open_to_drake: args.drake,
         names: name.clone(),
         limits,

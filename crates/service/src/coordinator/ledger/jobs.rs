@@ -2,7 +2,7 @@
 
 use super::rows::{Event, EventsOf, Job, JobFilter, JobState, NewJob, Totals};
 use super::usage::{Charge, Exceeded, charge_all};
-use super::{Ledger, LedgerError, now_ms};
+use super::{Ledger, LedgerError, deliveries, now_ms};
 use raystream::schedule::Priority;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde_json::{Value, json};
@@ -17,6 +17,8 @@ pub enum Accepted {
     Earlier(String, bool),
     /// A job of the same request is under way, or has just ended.
     Shared(String),
+    /// The same, but too many are to be called for it already.
+    TooManyCalls(String),
     /// Too many jobs have not ended; this many have not.
     TooMany(u64),
     /// The tenant has a quota that it would go beyond.
@@ -43,7 +45,10 @@ impl Ledger {
             if let Some(after) = new.shared_after
                 && let Some(id) = shared(transaction, &new.tenant, &new.request_hash, after)?
             {
-                return Ok(Accepted::Shared(id));
+                return Ok(match new.webhook {
+                    Some(hook) if !deliveries::add(transaction, &id, &hook)? => Accepted::TooManyCalls(id),
+                    _ => Accepted::Shared(id),
+                });
             }
             let open: i64 = transaction.query_row(
                 "SELECT count(*) FROM job WHERE state IN ('queued', 'running', 'paused')",
@@ -78,10 +83,8 @@ impl Ledger {
                 let insert = "INSERT INTO request_key (tenant, key, job) VALUES (?1, ?2, ?3)";
                 transaction.execute(insert, [&new.tenant, key, &new.id])?;
             }
-            if new.has_webhook {
-                // The address is called when the job has ended.
-                let insert = "INSERT INTO call (job, next_ms) VALUES (?1, 0)";
-                transaction.execute(insert, [&new.id])?;
+            if let Some(hook) = &new.webhook {
+                deliveries::add(transaction, &new.id, hook)?;
             }
             note(transaction, &new.id, "queued", &json!({}))?;
             Ok(Accepted::New)
@@ -188,10 +191,13 @@ impl Ledger {
                 return Ok(Some(job.state));
             }
             let ended = to.has_ended().then(now_ms);
-            let update = "UPDATE job SET state = ?2, error = ?3, ended_ms = ?4 WHERE id = ?1";
+            let update = "UPDATE job SET state = ?2, error = ?3, ended_ms = ?4, bytes = NULL WHERE id = ?1";
             transaction.execute(update, params![id, to.name(), error, ended])?;
             let data = error.map_or(json!({}), |error| json!({ "error": error }));
             note(transaction, &id, to.name(), &data)?;
+            if job.state.has_ended() && !to.has_ended() {
+                deliveries::renew(transaction, &id)?;
+            }
             Ok(Some(to))
         })
     }

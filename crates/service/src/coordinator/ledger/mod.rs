@@ -2,16 +2,21 @@
 //! write-ahead mode, whose commits reach the disk before they are answered. Pixels lie in files beside it.
 
 mod checks;
+mod deliveries;
 mod jobs;
+mod retention;
 mod rows;
 mod schema;
+mod snapshot;
 #[cfg(test)]
 mod tests;
 mod tokens;
 mod units;
 mod usage;
 
+pub use deliveries::{Delivery, DeliveryCounts, DeliveryState, DueCall, Outcome};
 pub use jobs::Accepted;
+pub use retention::{Deleted, Leftover};
 pub use rows::{
     Checks, Event, EventsOf, FrameRow, Job, JobFilter, JobState, NewJob, Pending, Rendering, Totals, UnitRow,
     UnitState, priority,
@@ -29,9 +34,6 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::sync::watch;
-
-/// The database's file in the data folder.
-const FILE: &str = "ledger.sqlite";
 
 /// Changes that wait for the writer. More make their callers wait.
 const WAITING: usize = 1024;
@@ -103,6 +105,9 @@ impl std::fmt::Debug for Ledger {
 }
 
 impl Ledger {
+    /// The database's file in the data folder.
+    pub const FILE: &str = "ledger.sqlite";
+
     /// Opens the ledger of a data folder, checks it, and brings it up to date.
     ///
     /// # Errors
@@ -126,7 +131,7 @@ impl Ledger {
         data: &Path,
         prepare: impl FnOnce(&mut Connection, &Path) -> Result<(), LedgerError>,
     ) -> Result<Self, LedgerError> {
-        let path = data.join(FILE);
+        let path = data.join(Self::FILE);
         let mut connection = Connection::open(&path)?;
         connection.busy_timeout(Duration::from_secs(10))?;
         connection.pragma_update(None, "journal_mode", "WAL")?;

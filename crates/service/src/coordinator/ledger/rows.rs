@@ -2,6 +2,7 @@
 
 use super::usage::Quotas;
 use crate::backend::JobCost;
+use crate::coordinator::request::Webhook;
 use raystream::render::BLOCK;
 use raystream::schedule::Priority;
 use rusqlite::Row;
@@ -97,11 +98,13 @@ pub struct Job {
     pub is_planned: bool,
     /// Time that its pictures by seconds have taken.
     pub spent_ms: i64,
+    /// True if it is kept until someone deletes it.
+    pub is_pinned: bool,
 }
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms, tenant, began_ms";
+        planned, spent_ms, tenant, began_ms, pinned";
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let text = |column: usize| row.get::<_, String>(column);
@@ -124,6 +127,7 @@ impl Job {
             spent_ms: row.get(11)?,
             tenant: text(12)?,
             began_ms: row.get(13)?,
+            is_pinned: row.get(14)?,
         })
     }
 }
@@ -152,8 +156,8 @@ pub struct NewJob {
     pub priority: Priority,
     /// The client's name of the request, if it gives one.
     pub idempotency_key: Option<String>,
-    /// True if someone is to be called when it ends.
-    pub has_webhook: bool,
+    /// The address that is called when it ends.
+    pub webhook: Option<Webhook>,
     /// Its title; empty if it has none.
     pub title: String,
     /// Words by which it is found.

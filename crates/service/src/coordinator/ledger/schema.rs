@@ -8,7 +8,8 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 7] = [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES];
+const MIGRATIONS: [&str; 9] =
+    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES, RETENTION];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -215,6 +216,48 @@ const TITLES: &str = "
     ALTER TABLE job ADD COLUMN title TEXT NOT NULL DEFAULT '';
     ALTER TABLE job ADD COLUMN labels TEXT NOT NULL DEFAULT '[]';
     ALTER TABLE job ADD COLUMN began_ms INTEGER;
+";
+
+/// Calls have names of their own, so a job may have several, and what became of them is kept.
+const DELIVERIES: &str = "
+    CREATE TABLE delivery (
+        id TEXT PRIMARY KEY,
+        job TEXT NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+        url TEXT NOT NULL,
+        secret TEXT NOT NULL,
+        state INTEGER NOT NULL DEFAULT 0,
+        attempts INTEGER NOT NULL DEFAULT 0,
+        created_ms INTEGER NOT NULL,
+        next_ms INTEGER NOT NULL,
+        last_ms INTEGER,
+        status INTEGER,
+        error TEXT
+    ) WITHOUT ROWID;
+    CREATE INDEX delivery_job ON delivery (job);
+    CREATE INDEX delivery_next ON delivery (state, next_ms);
+    INSERT INTO delivery (id, job, url, secret, attempts, created_ms, next_ms)
+        SELECT lower(hex(randomblob(16))), job, json_extract(request, '$.webhook.url'),
+            json_extract(request, '$.webhook.secret'), attempts, created_ms, next_ms
+        FROM call JOIN job ON job.id = call.job WHERE json_extract(request, '$.webhook.url') IS NOT NULL;
+    DROP TABLE call;
+    UPDATE job SET request = json_remove(request, '$.webhook')
+        WHERE json_extract(request, '$.webhook') IS NOT NULL;
+";
+
+/// Jobs are pinned or deleted, and so are the scenes that none needs. Folders that are to be removed are named.
+const RETENTION: &str = "
+    ALTER TABLE job ADD COLUMN pinned INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE job ADD COLUMN used_ms INTEGER;
+    ALTER TABLE job ADD COLUMN bytes INTEGER;
+    ALTER TABLE upload ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE upload ADD COLUMN is_left INTEGER NOT NULL DEFAULT 0;
+    UPDATE upload SET used_ms = created_ms;
+    CREATE TABLE leftover (
+        kind TEXT NOT NULL,
+        name TEXT NOT NULL,
+        PRIMARY KEY (kind, name)
+    ) WITHOUT ROWID;
+    CREATE INDEX job_scene ON job (scene, tenant);
 ";
 
 /// The version of the tables that are there; 0 if there are none.

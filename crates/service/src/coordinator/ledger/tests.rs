@@ -14,7 +14,7 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         scene: "s".into(),
         priority: Priority::Normal,
         idempotency_key: key.map(str::to_owned),
-        has_webhook: false,
+        webhook: None,
         title: String::new(),
         labels: vec![],
         quotas: Quotas::default(),
@@ -124,7 +124,7 @@ fn damage_and_newer_versions_are_told() {
     ledger.change(|connection| connection.pragma_update(None, "user_version", 99)).expect("changed");
     drop(ledger);
     assert!(matches!(Ledger::open(folder.path()), Err(LedgerError::Newer { version: 99, .. })));
-    std::fs::write(folder.path().join(FILE), b"SQLite format 3\0 and no more than that").expect("a file");
+    std::fs::write(folder.path().join(Ledger::FILE), b"SQLite format 3\0 and no more than that").expect("a file");
     assert!(Ledger::open(folder.path()).is_err());
 }
 
@@ -132,15 +132,63 @@ fn damage_and_newer_versions_are_told() {
 fn a_clock_that_is_set_back_delays_no_call() {
     let folder = tempfile::tempdir().expect("a folder");
     let ledger = Ledger::open(folder.path()).expect("a ledger");
-    let hooked = NewJob { has_webhook: true, ..new("a1", None) };
+    let hook = |url: &str| Webhook { url: url.into(), secret: "s".into() };
+    let hooked = NewJob { webhook: Some(hook("http://a/")), ..new("a1", None) };
     assert_eq!(ledger.accept(hooked, 2).expect("accepted"), Accepted::New);
+    let due = || {
+        ledger.due_calls(9).expect("calls").into_iter().map(|due| (due.job, due.attempts)).collect::<Vec<_>>()
+    };
+    assert!(due().is_empty(), "the job has not ended");
     ledger.set_state("a1", &[JobState::Queued], JobState::Cancelled, None).expect("ended");
-    assert_eq!(ledger.due_calls().expect("calls"), [("a1".into(), 0)]);
-    ledger.called("a1", Some(3_600_000)).expect("again in an hour");
-    assert!(ledger.due_calls().expect("calls").is_empty(), "not before");
+    assert_eq!(due(), [("a1".into(), 0)]);
+    let id = ledger.deliveries("a1").expect("deliveries")[0].id.clone();
+    let fails = |again_in_ms| Outcome {
+        status: Some(503),
+        error: Some("busy".into()),
+        again_in_ms: Some(again_in_ms),
+    };
+    ledger.called(&id, fails(3_600_000)).expect("again in an hour");
+    assert!(due().is_empty(), "not before");
     // An hour is what the longest pause lasts; a year is the clock's doing.
-    ledger.called("a1", Some(365 * 24 * 3_600_000)).expect("the clock was a year ahead");
-    assert_eq!(ledger.due_calls().expect("calls"), [("a1".into(), 2)]);
+    ledger.called(&id, fails(365 * 24 * 3_600_000)).expect("the clock was a year ahead");
+    assert_eq!(due(), [("a1".into(), 2)]);
+    ledger.called(&id, Outcome { status: Some(200), ..Outcome::default() }).expect("delivered");
+    assert!(due().is_empty());
+    // A job that goes on calls the same addresses when it ends again, each once.
+    assert!(ledger.add_delivery("a1", hook("http://b/")).expect("a ledger"));
+    ledger.set_state("a1", &[JobState::Cancelled], JobState::Queued, None).expect("it goes on");
+    assert!(due().is_empty());
+    ledger.set_state("a1", &[JobState::Queued], JobState::Failed, Some("why".into())).expect("ended");
+    assert_eq!(due().len(), 2);
+    let states = ledger.deliveries("a1").expect("deliveries").into_iter().map(|one| one.state);
+    let delivered = states.filter(|state| *state == DeliveryState::Delivered).count();
+    assert_eq!((delivered, ledger.due_calls(1).expect("calls").len()), (1, 1));
+    while ledger.add_delivery("a1", hook("http://c/")).expect("a ledger") {}
+    assert_eq!(due().len(), 9, "no more of a tenant than were asked for");
+    assert_eq!(ledger.due_calls(1000).expect("calls").len(), 100, "and no more of a job");
+}
+
+#[test]
+fn calls_of_earlier_tables_are_deliveries() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let connection = Connection::open(folder.path().join(Ledger::FILE)).expect("a database");
+    schema::migrate_to(&connection, 7).expect("the tables of version 7");
+    connection
+        .execute_batch(
+            "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, created_ms) VALUES
+                 ('a1', 'done', '{\"scene\":\"s\",\"spp\":2,\"webhook\":{\"url\":\"http://a/\",\"secret\":\"k\"}}',
+                  'h', '{\"size\":[4,4],\"spp\":8,\"frames\":1,\"kind\":\"samples\"}', 's', 'normal', 1),
+                 ('a2', 'done', '{\"scene\":\"s\",\"webhook\":{\"url\":\"http://b/\",\"secret\":\"k\"}}',
+                  'h', '{\"size\":[4,4],\"spp\":8,\"frames\":1,\"kind\":\"samples\"}', 's', 'normal', 1);
+             INSERT INTO call VALUES ('a1', 3, 7);",
+        )
+        .expect("rows");
+    drop(connection);
+    let ledger = Ledger::open(folder.path()).expect("it is brought up to date");
+    let [due] = &ledger.due_calls(9).expect("calls")[..] else { panic!("one was not answered yet") };
+    assert_eq!((&*due.job, &*due.hook.url, &*due.hook.secret, due.attempts), ("a1", "http://a/", "k", 3));
+    let request = |id: &str| ledger.job(id).expect("a ledger").expect("a job").request;
+    assert_eq!((&*request("a1"), &*request("a2")), (r#"{"scene":"s","spp":2}"#, r#"{"scene":"s"}"#));
 }
 
 /// A job of two frames, planned.
@@ -237,7 +285,7 @@ fn attempts_are_those_of_different_workers() {
 #[test]
 fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
     let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(FILE);
+    let path = folder.path().join(Ledger::FILE);
     let connection = Connection::open(&path).expect("a database");
     schema::migrate_to(&connection, 2).expect("the tables of version 2");
     connection
@@ -263,7 +311,7 @@ fn an_older_ledger_goes_on_and_its_loose_sums_are_taken_anew() {
 #[test]
 fn what_there_was_before_tenants_is_the_first_tokens() {
     let folder = tempfile::tempdir().expect("a folder");
-    let connection = Connection::open(folder.path().join(FILE)).expect("a database");
+    let connection = Connection::open(folder.path().join(Ledger::FILE)).expect("a database");
     schema::migrate_to(&connection, 3).expect("the tables of version 3");
     connection
         .execute_batch(

@@ -8,9 +8,6 @@ use crate::backend::FrameId;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde_json::json;
 
-/// The longest pause between two calls of a webhook: twice an hour.
-const LONGEST_PAUSE_MS: i64 = 2 * 3_600_000;
-
 impl Ledger {
     /// Writes down the frames of a job, unless they are known. Each has about so many blocks × samples.
     ///
@@ -258,7 +255,8 @@ impl Ledger {
             let insert = "INSERT OR IGNORE INTO scene (sha256, bytes, created_ms) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![sha256, bytes as i64, now_ms()])?;
             if let Some(tenant) = tenant {
-                let insert = "INSERT OR IGNORE INTO upload (tenant, sha256, created_ms) VALUES (?1, ?2, ?3)";
+                let insert = "INSERT INTO upload (tenant, sha256, created_ms, used_ms) VALUES (?1, ?2, ?3, ?3) \
+                    ON CONFLICT (tenant, sha256) DO UPDATE SET used_ms = excluded.used_ms, is_left = 0";
                 transaction.execute(insert, params![tenant, sha256, now_ms()])?;
             }
             Ok(())
@@ -287,39 +285,6 @@ impl Ledger {
         self.read(|connection| {
             let select = "SELECT bytes FROM scene WHERE sha256 = ?1";
             connection.query_row(select, [sha256], |row| Ok(row.get::<_, i64>(0)? as u64)).optional()
-        })
-    }
-
-    /// Jobs that have ended and whose callers are to be called by now, with the number of calls that failed.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn due_calls(&self) -> Result<Vec<(String, u32)>, LedgerError> {
-        self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT call.job, call.attempts FROM call JOIN job ON job.id = call.job \
-                 WHERE (next_ms <= ?1 OR next_ms > ?1 + ?2) AND state IN ('done', 'failed', 'cancelled') LIMIT 16",
-            )?;
-            // A call that is due later than any pause lasts shows that the clock has been set back.
-            select.query_map([now_ms(), LONGEST_PAUSE_MS], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
-        })
-    }
-
-    /// Writes down that a call has been answered, or when it is due again.
-    ///
-    /// # Errors
-    /// If the ledger cannot be used.
-    pub fn called(&self, job: &str, again_in_ms: Option<i64>) -> Result<(), LedgerError> {
-        let job = job.to_owned();
-        self.change(move |transaction| {
-            match again_in_ms {
-                None => transaction.execute("DELETE FROM call WHERE job = ?1", [job])?,
-                Some(wait) => transaction.execute(
-                    "UPDATE call SET attempts = attempts + 1, next_ms = ?2 WHERE job = ?1",
-                    params![job, now_ms() + wait],
-                )?,
-            };
-            Ok(())
         })
     }
 }

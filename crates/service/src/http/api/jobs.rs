@@ -4,7 +4,7 @@ use super::{body, scenes};
 use crate::backend::JobCost;
 use crate::contract::{Problem, hex};
 use crate::coordinator::ledger::{
-    Accepted, Checks, FrameRow, Job, JobFilter, JobState, NewJob, Totals, now_ms,
+    Accepted, Checks, Deleted, FrameRow, Job, JobFilter, JobState, NewJob, Totals, now_ms,
 };
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
@@ -60,11 +60,7 @@ fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Pr
     })?;
     request.check_words()?;
     let priority = request.priority()?;
-    if let Some(hook) = &request.webhook
-        && !is_web_address(&hook.url)
-    {
-        return Err(Problem::unprocessable("webhook: the url is http:// or https:// with a host"));
-    }
+    request.webhook.as_ref().map_or(Ok(()), |hook| check_address(state, &hook.url))?;
     let entry = state.store().entry(&request.scene, request.entry.as_deref())?;
     let folder = state.store().scene_folder(&request.scene);
     let demand = state.backend().check(&request.spec, &entry, &folder).map_err(Problem::unprocessable)?;
@@ -83,12 +79,18 @@ fn accept(
     let (priority, demand) = check(state, caller, &mut request)?;
     let request_hash = request.hash();
     let is_function = JobRequest::is_function(demand.kind);
-    // Whoever is to be called is called for a job of its own.
-    let may_share = is_function && !is_fresh && idempotency_key.is_none() && request.webhook.is_none();
+    let may_share = is_function && !is_fresh && idempotency_key.is_none();
+    let webhook = request.webhook.take();
     let mut shared_after = may_share.then_some(0);
     if may_share && let Some(job) = state.ledger().known(caller.tenant(), &request_hash)? {
         if has_pictures(state, &job.id)? {
             metrics::counter!("raystream_known_requests_total").increment(1);
+            state.ledger().use_job(&job.id)?;
+            if let Some(hook) = webhook
+                && !state.ledger().add_delivery(&job.id, hook)?
+            {
+                return Err(too_many_calls(&job.id));
+            }
             return answer(state, caller, &job.id, StatusCode::OK);
         }
         shared_after = Some(job.seq);
@@ -101,7 +103,7 @@ fn accept(
     let new = NewJob {
         id: id.clone(),
         tenant: caller.tenant().to_owned(),
-        has_webhook: request.webhook.is_some(),
+        webhook,
         quotas: caller.quotas(),
         shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
@@ -120,10 +122,12 @@ fn accept(
             answer(state, caller, &id, StatusCode::ACCEPTED)
         }
         Accepted::Shared(id) => {
+            state.ledger().use_job(&id)?;
             metrics::counter!("raystream_known_requests_total").increment(1);
             hasten(state, caller, &id, priority)?;
             answer(state, caller, &id, StatusCode::OK)
         }
+        Accepted::TooManyCalls(id) => Err(too_many_calls(&id)),
         Accepted::Earlier(id, true) => answer(state, caller, &id, StatusCode::OK),
         Accepted::Earlier(id, false) => Err(Problem::new(
             StatusCode::CONFLICT,
@@ -137,6 +141,12 @@ fn accept(
     }
 }
 
+/// The refusal of another call for a job.
+fn too_many_calls(job: &str) -> Problem {
+    let detail = format!("too many are to be called for job {job} already; wait until some have been");
+    Problem::new(StatusCode::TOO_MANY_REQUESTS, detail).retry_after(10)
+}
+
 /// Makes a job that several requests share as urgent as the most urgent of them.
 fn hasten(state: &State, caller: &Caller, id: &str, wanted: Priority) -> Result<(), Problem> {
     if wanted < caller.job(state, id)?.priority {
@@ -146,10 +156,21 @@ fn hasten(state: &State, caller: &Caller, id: &str, wanted: Priority) -> Result<
     Ok(())
 }
 
-/// True if a text is an address that can be called.
-fn is_web_address(url: &str) -> bool {
-    let is_web = |uri: &Uri| matches!(uri.scheme_str(), Some("http" | "https"));
-    url.parse().is_ok_and(|uri: Uri| is_web(&uri) && uri.host().is_some_and(|host| !host.is_empty()))
+/// Refuses what is no address that may be called. Where names lead is checked with each call.
+fn check_address(state: &State, url: &str) -> Result<(), Problem> {
+    let uri = url.parse::<Uri>().ok().filter(|uri| {
+        let is_web = matches!(uri.scheme_str(), Some("http" | "https"));
+        is_web && uri.host().is_some_and(|host| !host.is_empty())
+    });
+    let uri =
+        uri.ok_or_else(|| Problem::unprocessable("webhook: the url is http:// or https:// with a host"))?;
+    if state.reach().may_admit(&uri) {
+        return Ok(());
+    }
+    Err(Problem::unprocessable(
+        "webhook: the url has an address that is not public; name a public one, or ask whoever runs the service to \
+         allow its network (--webhook-network)",
+    ))
 }
 
 /// Whether the pictures of a done job are there: its folder may have been removed to make space.
@@ -202,7 +223,7 @@ fn shown(state: &State, job: &Job) -> Result<Value, Problem> {
         "left_s": left_s(job, progress), "error": job.error, "progress": progress,
         "frames": totals.frames, "frames_done": totals.frames_done, "units": units, "units_done": units_done,
         "compared": { "units": compared, "share": compared_share.min(1.0), "workers": keys },
-        "suspects": suspects,
+        "suspects": suspects, "pinned": job.is_pinned, "deliveries": state.ledger().delivery_counts(&job.id)?,
     }))
 }
 
@@ -277,6 +298,20 @@ fn shown_frame(frame: &FrameRow) -> Value {
     let layers: Value =
         layers.as_deref().and_then(|text| serde_json::from_str(text).ok()).unwrap_or(json!({}));
     json!({ "frame": number, "name": name, "hash": hash, "layers": layers })
+}
+
+/// `GET /api/v1/jobs/{id}/deliveries`.
+pub async fn deliveries(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<Value>, Problem> {
+    state
+        .blocking(move |state| {
+            caller.job(state, &id)?;
+            Ok(Json(json!({ "deliveries": state.ledger().deliveries(&id)? })))
+        })
+        .await
 }
 
 const OPEN: &[JobState] = &[JobState::Queued, JobState::Running, JobState::Paused];
@@ -360,6 +395,69 @@ pub async fn retry(
     body: Body,
 ) -> Result<Json<Value>, Problem> {
     steer((state, caller, id), body, LOST, JobState::Queued).await
+}
+
+/// `DELETE /api/v1/jobs/{id}`.
+pub async fn delete(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    state
+        .blocking(move |state| {
+            caller.job(state, &id)?;
+            let conflict = |detail: String| Problem::new(StatusCode::CONFLICT, detail);
+            match state.runner().delete_job(&id)? {
+                Deleted::Gone => {
+                    log::info!("job {id}: deleted by {}", caller.name());
+                    Ok(StatusCode::NO_CONTENT)
+                }
+                Deleted::Missing => Err(Problem::missing(format!("job {id:?}"))),
+                Deleted::Pinned => Err(conflict("the job is pinned; unpin it first".into())),
+                Deleted::Active(now) => {
+                    let detail = format!("the job is {now}; cancel it, or wait until it has ended");
+                    Err(conflict(detail).with("state", now.name()))
+                }
+            }
+        })
+        .await
+}
+
+/// `POST /api/v1/jobs/{id}/pin`: the job is kept until someone deletes it.
+pub async fn pin(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    set_pinned((state, caller, id), body, true).await
+}
+
+/// `POST /api/v1/jobs/{id}/unpin`.
+pub async fn unpin(
+    Given(state): Given<State>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Body,
+) -> Result<Json<Value>, Problem> {
+    set_pinned((state, caller, id), body, false).await
+}
+
+/// Pins a job, or lets it go. The body says nothing.
+async fn set_pinned(
+    (state, caller, id): (State, Caller, String),
+    body: Body,
+    is_pinned: bool,
+) -> Result<Json<Value>, Problem> {
+    body::whole(&state, body, ("body_bytes", state.limits().body_bytes as u64)).await?;
+    state
+        .blocking(move |state| {
+            caller.job(state, &id)?;
+            state.ledger().pin(&id, is_pinned)?;
+            let job = caller.job(state, &id)?;
+            Ok(Json(json!({ "id": id, "state": job.state, "pinned": job.is_pinned })))
+        })
+        .await
 }
 
 #[derive(Deserialize)]

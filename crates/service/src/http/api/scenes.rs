@@ -80,9 +80,9 @@ pub async fn upload(
             if length.is_none() {
                 caller.charge(state, &[Charge::Bytes(upload.bytes())])?;
             }
-            let bytes = state.store().keep(upload, &kept, state.limits())?;
-            state.ledger().keep_scene(Some(caller.tenant()), &kept, bytes)?;
-            Ok(bytes)
+            state.store().keep(upload, &kept, state.limits(), |bytes| {
+                state.ledger().keep_scene(Some(caller.tenant()), &kept, bytes)
+            })
         })
         .await?;
     metrics::counter!("raystream_uploaded_bytes_total").increment(bytes);

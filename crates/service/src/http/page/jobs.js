@@ -4,6 +4,7 @@ import { request, upload } from "./http.js";
 
 const POLL_MS = 1000;
 const STEERED = { cancel: ["queued", "running", "paused"], retry: ["failed", "cancelled"] };
+const ENDED = ["done", "failed", "cancelled"];
 
 const $ = (id) => document.getElementById(id);
 
@@ -80,6 +81,11 @@ export class Jobs {
     const state = job.state === "running" ? `running, ${percent} %${left}` : job.state;
     row.state.textContent = job.error ? `${state}: ${job.error}` : state;
     row.state.dataset.state = job.state;
+    const { waiting, failed } = job.deliveries;
+    row.calls.hidden = waiting + failed === 0 || !ENDED.includes(job.state);
+    row.calls.textContent = failed > 0 ? `${failed} webhooks failed` : `${waiting} webhooks wait`;
+    row.pin.textContent = job.pinned ? "Unpin" : "Pin";
+    row.remove.hidden = job.pinned || !ENDED.includes(job.state);
     row.bar.value = job.progress;
     row.bar.hidden = job.state === "done";
     for (const [name, states] of Object.entries(STEERED)) row[name].hidden = !states.includes(job.state);
@@ -107,16 +113,26 @@ export class Jobs {
       this.update();
     };
     const [cancel, retry] = [button("Cancel", steer("cancel")), button("Retry", steer("retry"))];
+    const pin = button("Pin", () => steer(pin.textContent.toLowerCase())());
+    pin.title = "A pinned job is kept until someone deletes it";
+    const remove = button("Delete", async () => {
+      if (!confirm(`Delete job ${id} and its pictures?`)) return;
+      const answer = await request("DELETE", `jobs/${id}`);
+      if (!answer.ok) this.tell(answer.reason);
+      this.update();
+    });
     const view = element("a", { href: `#live=${job.scene}` }, "View");
     const save = element("a", { href: `api/v1/jobs/${id}/frames/0.png`, download: `${id}.png`, hidden: "" }, "Picture");
     const size = `${job.size[0]}×${job.size[1]}, ${job.spp} spp`;
     const words = [size, ...job.labels, new Date(job.created_ms).toLocaleString()].join(" · ");
     const title = job.title ?? size;
     const when = element("div", { class: "words" }, job.title ? words : words.slice(size.length + 3));
-    const about = element("div", { class: "about" }, element("div", { class: "title" }, title), when, state, bar);
-    const buttons = element("div", { class: "buttons" }, view, save, cancel, retry);
+    const calls = element("div", { class: "words", "data-testid": "job-calls", hidden: "" });
+    const heading = element("div", { class: "title" }, title);
+    const about = element("div", { class: "about" }, heading, when, state, calls, bar);
+    const buttons = element("div", { class: "buttons" }, view, save, cancel, retry, pin, remove);
     const item = element("li", { "data-testid": "job", "data-id": id }, picture, about, buttons);
-    return { item, picture, bar, state, cancel, retry, save };
+    return { item, picture, bar, state, calls, cancel, retry, pin, remove, save };
   }
 
   tell(text) {
