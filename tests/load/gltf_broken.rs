@@ -47,12 +47,12 @@ fn containers_of_other_kinds_are_refused() {
 #[test]
 fn required_extensions_are_errors_and_used_ones_warnings() {
     let mut document = Document::triangle();
-    document.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression", "KHR_materials_ior"]);
+    document.json["extensionsUsed"] = json!(["MSFT_texture_dds", "KHR_materials_ior"]);
     let scene = document.scene();
     assert_eq!(scene.warnings.len(), 1);
-    assert!(warns(&scene, &["KHR_draco_mesh_compression"]));
-    document.json["extensionsRequired"] = json!(["KHR_texture_transform", "KHR_draco_mesh_compression"]);
-    assert_holds(&document.message(), &["requires", "KHR_draco_mesh_compression", "export"]);
+    assert!(warns(&scene, &["MSFT_texture_dds"]));
+    document.json["extensionsRequired"] = json!(["KHR_texture_transform", "MSFT_texture_dds"]);
+    assert_holds(&document.message(), &["requires", "MSFT_texture_dds", "export"]);
 }
 
 #[test]
@@ -202,7 +202,7 @@ fn textures_that_are_missing_or_broken_are_named() {
     let mut document = with_image(json!({ "bufferView": 9, "mimeType": "image/png" }));
     assert_holds(&document.message(), &["images[0].bufferView"]);
     document.json["images"][0]["bufferView"] = json!(0);
-    document.json["textures"][0] = json!({ "extensions": { "KHR_texture_basisu": { "source": 0 } } });
+    document.json["textures"][0] = json!({ "extensions": { "MSFT_texture_dds": { "source": 0 } } });
     assert_holds(&document.message(), &["\"wall\"", "textures[0]", "no image of a known kind"]);
     document.json["materials"][0]["emissiveTexture"]["index"] = json!(3);
     assert_holds(&document.message(), &["materials[0].emissiveTexture"]);

@@ -1,6 +1,8 @@
 //! The loaders on files that the tests write themselves.
 
 mod colours;
+mod compressed;
+mod compressed_damaged;
 mod document;
 mod environment;
 mod folder;

@@ -1,5 +1,6 @@
 //! Decodes image files, within stated limits.
 
+use super::ktx2::Ktx2;
 use crate::memory::OutOfMemory;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::borrow::Cow;
@@ -49,12 +50,18 @@ pub(super) fn decode(
     afford: impl FnOnce(ImageSize) -> Result<(), OutOfMemory>,
 ) -> Result<DynamicImage, String> {
     let cannot = |problem: &dyn fmt::Display| format!("cannot be decoded: {problem}");
+    if Ktx2::is_ktx2(bytes) {
+        let file = Ktx2::new(bytes)?;
+        check(file.width, file.height, file.bytes(), bytes.len(), afford)?;
+        return file.decode().map(DynamicImage::ImageRgba8);
+    }
     let bytes = with_known_signature(bytes);
     let mut reader = ImageReader::new(Cursor::new(&*bytes)).with_guessed_format().map_err(|e| cannot(&e))?;
     if reader.format().is_none() {
         let Ok(format) = ImageFormat::from_path(name) else {
             return Err(
-                "is an image of an unknown kind; use PNG, JPEG, WebP, TGA, BMP, TIFF, HDR or EXR".into()
+                "is an image of an unknown kind; use PNG, JPEG, WebP, KTX2, TGA, BMP, TIFF, HDR or EXR"
+                    .into(),
             );
         };
         reader.set_format(format);
@@ -64,26 +71,36 @@ pub(super) fn decode(
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|e| cannot(&e))?;
     let (width, height) = decoder.dimensions();
+    // `total_bytes` saturates when the product overflows.
+    check(width, height, decoder.total_bytes(), bytes.len(), afford)?;
+    DynamicImage::from_decoder(decoder).map_err(|e| cannot(&e))
+}
+
+/// Checks the size of an image, which its header tells, before memory is taken: `needed` bytes when decoded, from a
+/// file of `length` bytes.
+fn check(
+    width: u32,
+    height: u32,
+    needed: u64,
+    length: usize,
+    afford: impl FnOnce(ImageSize) -> Result<(), OutOfMemory>,
+) -> Result<(), String> {
     if width == 0 || height == 0 {
         return Err(format!("is {width} x {height} pixels; an image needs at least one pixel"));
     }
-    // `total_bytes` saturates when the product overflows.
-    let needed = decoder.total_bytes();
     if needed > MAX_IMAGE_BYTES {
         return Err(format!(
             "is {width} x {height} pixels, {needed} bytes when decoded; at most {MAX_IMAGE_BYTES} are \
              allowed: scale it down"
         ));
     }
-    if needed > TRUSTED_IMAGE_BYTES && needed / MAX_RATIO > bytes.len() as u64 {
+    if needed > TRUSTED_IMAGE_BYTES && needed / MAX_RATIO > length as u64 {
         return Err(format!(
-            "promises {width} x {height} pixels, {needed} bytes when decoded, but the file has only {}: it \
-             is damaged",
-            bytes.len()
+            "promises {width} x {height} pixels, {needed} bytes when decoded, but the file has only {length}: \
+             it is damaged"
         ));
     }
-    afford(ImageSize { width, height, bytes: needed }).map_err(|e| e.to_string())?;
-    DynamicImage::from_decoder(decoder).map_err(|e| cannot(&e))
+    afford(ImageSize { width, height, bytes: needed }).map_err(|e| e.to_string())
 }
 
 /// The file with the signature `#?RADIANCE` if it has the other signature of Radiance files, `#?RGBE`.

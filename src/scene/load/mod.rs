@@ -34,7 +34,11 @@ mod environment;
 mod error;
 #[cfg(feature = "formats")]
 mod gltf;
+#[cfg(feature = "formats")]
+mod guard;
 mod kind;
+#[cfg(feature = "formats")]
+mod ktx2;
 #[cfg(feature = "formats")]
 mod named;
 mod obj;

@@ -23,7 +23,7 @@ fn bad_scenes_are_refused() {
     write("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n\nf 1 2 9\n");
     write("nan.obj", b"v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n");
     write("empty.obj", b"v 0 0 0\n");
-    write("draco.gltf", gltf(r#""extensionsRequired": ["KHR_draco_mesh_compression"]"#).as_bytes());
+    write("dds.gltf", gltf(r#""extensionsRequired": ["MSFT_texture_dds"]"#).as_bytes());
     write("cut.glb", b"glTF\x02\x00\x00\x00\x00\x10\x00\x00\x00\x08\x00\x00JSON{\"as");
     write("texture.obj", format!("mtllib t.mtl\nusemtl m\n{SQUARE}").as_bytes());
     write("t.mtl", b"newmtl m\nKd 1 1 1\nmap_Kd broken.png\n");
@@ -34,7 +34,7 @@ fn bad_scenes_are_refused() {
         ("range.obj", "line 5"),
         ("nan.obj", "line 2"),
         ("empty.obj", "no triangles"),
-        ("draco.gltf", "KHR_draco_mesh_compression"),
+        ("dds.gltf", "MSFT_texture_dds"),
         ("cut.glb", "cut.glb"),
         ("texture.obj", "broken.png"),
         ("typo.json", "shapess"),
@@ -48,6 +48,7 @@ fn bad_scenes_are_refused() {
 #[test]
 fn bad_arguments_are_refused() {
     let folder = folder();
+    std::fs::write(folder.path().join("none"), "a file, no folder").expect("file");
     std::fs::write(folder.path().join("a.obj"), SQUARE).expect("scene");
     std::fs::create_dir(folder.path().join("folder.png")).expect("folder");
     let blind = r#"{ "keys": [{ "frame": 0, "eye": [0, 0, 0], "target": [0, 0, 0], "fov_degrees": 9 }] }"#;
@@ -175,6 +176,7 @@ fn bad_rays_are_refused() {
     npy("order.npy", "{'descr': '<f4', 'fortran_order': True, 'shape': (2, 8), }", 64);
     npy("good.npy", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 8), }", 64);
     std::fs::write(folder.path().join("text.npy"), "hello").expect("file");
+    std::fs::write(folder.path().join("none"), "a file, no folder").expect("file");
     for (rays, says) in [
         ("missing.npy", "missing.npy"),
         ("text.npy", "not a .npy file"),

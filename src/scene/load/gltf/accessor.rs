@@ -64,10 +64,11 @@ impl<'a> Elements<'a> {
 
 /// The number of elements that memory may be taken for before they are read. 0 if there cannot be as many as the
 /// accessor says, which is an error once it is read.
-pub(super) fn expected_count(accessor: &Accessor) -> u64 {
-    let most = match accessor.view() {
-        Some(view) => view.length(),
-        None => MAX_IMPLICIT,
+pub(super) fn expected_count(buffers: &Buffers, accessor: &Accessor) -> u64 {
+    let most = match (buffers.decompressed(accessor), accessor.view()) {
+        (Some(decompressed), _) => decompressed.bytes.len(),
+        (None, Some(view)) => view.length(),
+        (None, None) => MAX_IMPLICIT,
     };
     if accessor.count() <= most { accessor.count() as u64 } else { 0 }
 }
@@ -152,14 +153,15 @@ fn read<T: Clone>(
 ) -> Result<Vec<T>, String> {
     let count = accessor.count();
     let kind = accessor.data_type();
-    let mut list = match accessor.view() {
-        Some(view) => {
+    let all = |elements: Elements| (0..elements.count).map(|i| get(&elements, i)).collect();
+    let mut list = match (buffers.decompressed(accessor), accessor.view()) {
+        (Some(found), _) => all(Elements::new(&found.bytes, 0, None, found.kind, width, count)?),
+        (None, Some(view)) => {
             let bytes = buffers.view(&view)?;
-            let elements = Elements::new(bytes, accessor.offset(), view.stride(), kind, width, count)?;
-            (0..elements.count).map(|i| get(&elements, i)).collect()
+            all(Elements::new(bytes, accessor.offset(), view.stride(), kind, width, count)?)
         }
-        None if count <= MAX_IMPLICIT => vec![zero; count],
-        None => {
+        (None, None) if count <= MAX_IMPLICIT => vec![zero; count],
+        (None, None) => {
             return Err(format!(
                 "has {count} elements without a buffer view; at most {MAX_IMPLICIT} are supported"
             ));

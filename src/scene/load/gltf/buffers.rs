@@ -2,12 +2,28 @@
 
 use super::super::session::Session;
 use super::super::{LoadProblem, beside, named};
-use ::gltf::Document;
+use super::{draco, meshopt};
+use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::buffer::{Source, View};
+use ::gltf::{Document, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// All buffers, each at least as long as the document says.
-pub(super) struct Buffers(Vec<Vec<u8>>);
+/// All buffers, each at least as long as the document says, and what was compressed in them.
+#[derive(Default)]
+pub(super) struct Buffers {
+    list: Vec<Vec<u8>>,
+    /// The decompressed bytes of buffer views, by their index.
+    views: BTreeMap<usize, Vec<u8>>,
+    /// The decompressed elements of accessors, by their index.
+    accessors: BTreeMap<usize, Decompressed>,
+}
+
+/// The elements of an accessor that a compressed mesh holds, without gaps.
+pub(super) struct Decompressed {
+    pub(super) kind: DataType,
+    pub(super) bytes: Vec<u8>,
+}
 
 impl Buffers {
     /// Reads the buffers that a document names.
@@ -23,8 +39,12 @@ impl Buffers {
         let sizes = document.buffers().map(|buffer| buffer.length() as u64);
         let all = sizes.fold(0, u64::saturating_add);
         session.check("the sum of its buffers", all).map_err(|source| session.over(source))?;
-        let mut list = Vec::new();
+        let mut buffers = Self::default();
         for buffer in document.buffers() {
+            if meshopt::is_fallback(&buffer) {
+                buffers.list.push(Vec::new());
+                continue;
+            }
             let place = |problem| LoadProblem::Place {
                 path: path.clone(),
                 place: format!("buffers[{}]", buffer.index()),
@@ -49,9 +69,16 @@ impl Buffers {
                     bytes.len()
                 )));
             }
-            list.push(bytes);
+            buffers.list.push(bytes);
         }
-        Ok(Self(list))
+        buffers.views = meshopt::decompress(session, document, &buffers)?;
+        buffers.accessors = draco::decompress(session, document, &buffers)?;
+        Ok(buffers)
+    }
+
+    /// The elements of an accessor that a compressed mesh holds.
+    pub(super) fn decompressed(&self, accessor: &Accessor) -> Option<&Decompressed> {
+        self.accessors.get(&accessor.index())
     }
 
     /// The bytes of a buffer view.
@@ -59,17 +86,38 @@ impl Buffers {
     /// # Errors
     /// When the view exceeds its buffer.
     pub(super) fn view(&self, view: &View) -> Result<&[u8], String> {
-        let buffer = &self.0[view.buffer().index()];
-        let (start, length) = (view.offset(), view.length());
-        start.checked_add(length).and_then(|end| buffer.get(start..end)).ok_or_else(|| {
-            format!(
-                "bufferViews[{}] has {length} bytes at offset {start}, but buffers[{}] has {} bytes",
-                view.index(),
-                view.buffer().index(),
-                buffer.len()
-            )
+        match self.views.get(&view.index()) {
+            Some(bytes) => Ok(bytes),
+            None => self
+                .slice(view.buffer().index(), view.offset(), view.length())
+                .map_err(|problem| format!("bufferViews[{}] {problem}", view.index())),
+        }
+    }
+
+    /// `length` bytes of a buffer.
+    ///
+    /// # Errors
+    /// A sentence about who asks for them, when they are not there.
+    pub(super) fn slice(&self, buffer: usize, start: usize, length: usize) -> Result<&[u8], String> {
+        let bytes =
+            self.list.get(buffer).ok_or_else(|| format!("names buffers[{buffer}], which does not exist"))?;
+        start.checked_add(length).and_then(|end| bytes.get(start..end)).ok_or_else(|| {
+            format!("has {length} bytes at offset {start}, but buffers[{buffer}] has {} bytes", bytes.len())
         })
     }
+}
+
+/// A whole number in an extension. `unset` if it is not there.
+///
+/// # Errors
+/// When it is no number that this machine can address.
+pub(super) fn number(extension: &json::Value, key: &str, unset: Option<usize>) -> Result<usize, String> {
+    let value = &extension[key];
+    if let (true, Some(unset)) = (value.is_null(), unset) {
+        return Ok(unset);
+    }
+    let number = value.as_u64().and_then(|number| usize::try_from(number).ok());
+    number.ok_or_else(|| format!("has no valid {key}: {value}"))
 }
 
 /// Target of a URI.

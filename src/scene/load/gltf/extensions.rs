@@ -22,7 +22,6 @@ use Support::{Full, Ignored, NotVisible};
 const METADATA: Support = NotVisible("holds metadata, which no picture shows");
 const BEHAVIOUR: Support = NotVisible("describes behaviour, which no still picture shows");
 const PHYSICS: Support = NotVisible("describes bodies of a simulation, which no picture shows");
-const UNCOMPRESSED: Support = Ignored("the data without compression are used, if the file has them");
 const PLAIN_IMAGE: Support = Ignored("the texture's plain image is used, if it has one");
 const NO_LIGHT: Support = Ignored("its light is left out");
 const PLAIN_MATERIAL: Support = Ignored("the rest of the material is used");
@@ -44,7 +43,7 @@ const EXTENSIONS: [(&str, Support); 67] = [
     ("EXT_mesh_gpu_instancing", Full),
     ("EXT_mesh_manifold", METADATA),
     ("EXT_mesh_primitive_edge_visibility", Ignored("edges are left out")),
-    ("EXT_meshopt_compression", UNCOMPRESSED),
+    ("EXT_meshopt_compression", Full),
     ("EXT_structural_metadata", METADATA),
     ("EXT_texture_astc", PLAIN_IMAGE),
     ("EXT_texture_avif", PLAIN_IMAGE),
@@ -55,7 +54,7 @@ const EXTENSIONS: [(&str, Support); 67] = [
     ("KHR_animation_pointer", Ignored("what it animates stands still")),
     ("KHR_audio", BEHAVIOUR),
     ("KHR_audio_emitter", BEHAVIOUR),
-    ("KHR_draco_mesh_compression", UNCOMPRESSED),
+    ("KHR_draco_mesh_compression", Full),
     ("KHR_gaussian_splatting", Ignored("splats are left out")),
     ("KHR_interactivity", BEHAVIOUR),
     ("KHR_lights_punctual", Full),
@@ -76,13 +75,13 @@ const EXTENSIONS: [(&str, Support); 67] = [
     ("KHR_materials_volume", Full),
     ("KHR_materials_volume_scatter", PLAIN_MATERIAL),
     ("KHR_mesh_quantization", Full),
-    ("KHR_meshopt_compression", UNCOMPRESSED),
+    ("KHR_meshopt_compression", Full),
     ("KHR_node_hoverability", BEHAVIOUR),
     ("KHR_node_selectability", BEHAVIOUR),
     ("KHR_node_visibility", Full),
     ("KHR_physics_rigid_bodies", PHYSICS),
     ("KHR_techniques_webgl", PLAIN_MATERIAL),
-    ("KHR_texture_basisu", PLAIN_IMAGE),
+    ("KHR_texture_basisu", Full),
     ("KHR_texture_transform", Full),
     ("KHR_xmp", METADATA),
     ("KHR_xmp_json_ld", METADATA),

@@ -1,6 +1,7 @@
 //! Instances of a node's mesh (EXT_mesh_gpu_instancing).
 
 use super::super::LoadProblem;
+use super::buffers::Buffers;
 use super::{Context, accessor};
 use crate::scene::unit_rotation;
 use ::gltf::{Accessor, Node};
@@ -57,8 +58,13 @@ impl<'a> Instancing<'a> {
     }
 
     /// The number of instances that memory may be taken for.
-    pub(super) fn expected_count(&self) -> u64 {
-        self.accessors.iter().flatten().map(accessor::expected_count).min().unwrap_or(0)
+    pub(super) fn expected_count(&self, buffers: &Buffers) -> u64 {
+        self.accessors
+            .iter()
+            .flatten()
+            .map(|accessor| accessor::expected_count(buffers, accessor))
+            .min()
+            .unwrap_or(0)
     }
 
     /// Reads the transforms.

@@ -4,6 +4,7 @@ use super::super::LoadProblem;
 use super::super::dropped::Dropped;
 use super::Context;
 use super::accessor;
+use super::buffers::Buffers;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
 use super::variant::MaterialsByPrimitive;
@@ -326,13 +327,14 @@ fn place(mesh: &::gltf::Mesh, primitive: &Primitive) -> String {
 
 /// The size of one copy of a mesh, before any data is read. Accessors tell it; parts that have no surface, or are
 /// wrong, count as empty.
-pub(super) fn size(mesh: &::gltf::Mesh, materials: Materials) -> MeshSize {
+pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials) -> MeshSize {
     let mut size = MeshSize::default();
     let mut counted = BTreeSet::new();
     for primitive in mesh.primitives() {
         let Some(positions) = primitive.get(&Semantic::Positions) else { continue };
-        let vertices = accessor::expected_count(&positions);
-        let corners = primitive.indices().map_or(vertices, |indices| accessor::expected_count(&indices));
+        let vertices = accessor::expected_count(buffers, &positions);
+        let indices = primitive.indices();
+        let corners = indices.map_or(vertices, |indices| accessor::expected_count(buffers, &indices));
         let triangles = match primitive.mode() {
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => continue,
             Mode::Triangles => corners / 3,

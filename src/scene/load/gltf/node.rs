@@ -118,13 +118,14 @@ fn reserve(
     nodes: &[WorldNode],
     materials: Materials,
 ) -> Result<(), LoadProblem> {
-    let sizes: Vec<MeshSize> = context.document.meshes().map(|mesh| mesh::size(&mesh, materials)).collect();
+    let size = |mesh| mesh::size(context.buffers, &mesh, materials);
+    let sizes: Vec<MeshSize> = context.document.meshes().map(size).collect();
     let (mut all, mut instances, mut bytes) = (MeshSize::default(), 0_u64, 0_u64);
     for found in nodes.iter().filter(|found| found.visible) {
         let Some(mesh) = found.node.mesh() else { continue };
         let mut count = 1;
         if let Some(instancing) = &found.instancing {
-            count = instancing.expected_count();
+            count = instancing.expected_count(context.buffers);
             let primitives = mesh.primitives().len() as u64;
             // Lists grow by doubling.
             let each = 2 * ObjectsByNode::instance_bytes(&found.node)

@@ -109,13 +109,16 @@ impl<'a> TextureInfo<'a> {
 
     /// The image's name, and its index or what is wrong with it.
     fn image(&self, context: &mut Context, textures: &mut Textures) -> (String, Result<usize, String>) {
-        let webp = self.texture.extension_value("EXT_texture_webp").and_then(|webp| webp["source"].as_u64());
-        let source = match webp.and_then(|index| usize::try_from(index).ok()) {
+        // An image of a later format stands beside a plain one for viewers that cannot read it.
+        let later = ["KHR_texture_basisu", "EXT_texture_webp"]
+            .iter()
+            .find_map(|name| self.texture.extension_value(name)?["source"].as_u64());
+        let source = match later.and_then(|index| usize::try_from(index).ok()) {
             Some(index) => context.document.images().nth(index),
             None => self.texture.source(),
         };
         let Some(image) = source else {
-            let problem = "has no image of a known kind (PNG, JPEG or WebP)".into();
+            let problem = "has no image of a known kind (PNG, JPEG, WebP or KTX2)".into();
             return (format!("textures[{}]", self.texture.index()), Err(problem));
         };
         let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
