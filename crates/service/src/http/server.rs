@@ -4,7 +4,7 @@ use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
 use super::reach::Reach;
 use super::state::{Inner, State};
-use super::{roots, routes, webhook};
+use super::{journal, measurements, roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
@@ -12,7 +12,7 @@ use crate::coordinator::store::Store;
 use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
-use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+use metrics_exporter_prometheus::PrometheusHandle;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
@@ -150,10 +150,11 @@ pub fn run(
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
-    let recorder = PrometheusBuilder::new().build_recorder();
+    let recorder = measurements::builder().map_err(io::Error::other)?.build_recorder();
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
+    measurements::describe();
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
     let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
@@ -182,6 +183,7 @@ pub fn run(
         .enable_time()
         .build()?;
     let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
+    let _steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
