@@ -11,6 +11,7 @@
 //! workers are threads of this process, and everything else is the same.
 
 mod answers;
+mod audit;
 mod backup;
 mod data_folder;
 pub mod decisions;
@@ -31,6 +32,7 @@ mod trouble;
 mod verdicts;
 mod workers;
 
+pub use audit::AuditLog;
 pub use backup::{BackupError, Copied, backup, restore};
 pub use data_folder::{DataFolder, FolderError};
 pub use own_scene::{KeptScene, OwnScene};

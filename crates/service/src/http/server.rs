@@ -9,7 +9,7 @@ use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
 use crate::coordinator::store::Store;
-use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
+use crate::coordinator::{AuditLog, DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::PrometheusHandle;
@@ -173,6 +173,7 @@ pub fn run(
         is_open_to_drake: open_to_drake,
         connections: Arc::new(Connections::new(room_for(limits.connections))),
         metrics,
+        audit: AuditLog::new(&data),
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });

@@ -221,14 +221,16 @@ impl Ledger {
         }
         self.change(move |transaction| {
             transaction.execute(&format!("DELETE FROM upload WHERE {unneeded}"), params![left, idle])?;
-            let of = format!("FROM scene WHERE {without_upload}");
-            // Numbered parameters are all of them, used or not.
-            let insert = format!("INSERT OR IGNORE INTO leftover SELECT 'scene', sha256 {of} AND ?1 IS NOT ?2");
-            transaction.execute(&insert, params![left, idle, rested, but])?;
-            let gone = "DELETE FROM scene WHERE sha256 IN (SELECT name FROM leftover WHERE kind = 'scene') \
-                AND NOT EXISTS (SELECT 1 FROM upload WHERE upload.sha256 = scene.sha256) \
-                AND NOT EXISTS (SELECT 1 FROM job WHERE job.scene = scene.sha256)";
-            transaction.execute(gone, [])
+            let select = format!("SELECT sha256 FROM scene WHERE {without_upload}");
+            // Its parameters are the first there.
+            let mut select = transaction.prepare(&select.replace("?3", "?1").replace("?4", "?2"))?;
+            let scenes = select.query_map(params![rested, but], |row| row.get(0))?;
+            let scenes: Vec<String> = scenes.collect::<rusqlite::Result<_>>()?;
+            for scene in &scenes {
+                leave(transaction, &Leftover::Scene(scene.clone()))?;
+                transaction.execute("DELETE FROM scene WHERE sha256 = ?1", [scene])?;
+            }
+            Ok(scenes.len())
         })
     }
 

@@ -55,11 +55,12 @@ pub async fn trust(
 
 /// `GET /metrics`, in Prometheus' text format.
 pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Problem> {
-    let read = |state: &State| {
-        let ledger = state.ledger();
-        Ok((ledger.counts()?, ledger.oldest_waiting()?, ledger.all_delivery_counts()?))
-    };
-    let (counts, oldest_ms, deliveries) = state.blocking(read).await?;
+    let (counts, oldest_ms, deliveries) = state
+        .blocking(|state| {
+            let ledger = state.ledger();
+            Ok((ledger.counts()?, ledger.oldest_waiting()?, ledger.all_delivery_counts()?))
+        })
+        .await?;
     for (job, count) in counts {
         metrics::gauge!("raystream_jobs", "state" => job.name()).set(count as f64);
     }
