@@ -6,8 +6,8 @@ use crate::service::args::{
 };
 use anyhow::{Context, Result, ensure};
 use raystream_service::contract::{random_hex, write_private};
-use raystream_service::coordinator::{AuditLog, DataFolder};
 use raystream_service::coordinator::ledger::{Ledger, Quotas, Token, Usage, now_ms};
+use raystream_service::coordinator::{AuditLog, DataFolder};
 use raystream_service::http::TOKEN_FILE;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

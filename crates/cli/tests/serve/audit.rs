@@ -13,8 +13,10 @@ fn lines(path: &Path, what: &str, is_so: impl Fn(&Value) -> bool) -> Vec<Value> 
     loop {
         let text = std::fs::read_to_string(path).unwrap_or_default();
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
-        let lines: Vec<Value> =
-            whole.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}"))).collect();
+        let lines: Vec<Value> = whole
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}")))
+            .collect();
         if lines.iter().any(&is_so) {
             return lines;
         }
@@ -36,12 +38,15 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
     assert_eq!((answer.status, answer.header("x-request-id")), (202, "nightly-7"));
     let id = answer.json()["id"].as_str().expect("an id").to_owned();
     service.hashes(&id);
-    for (given, kept) in [("", false), ("a b", false), ("a\"b", false), (&*"x".repeat(65), false), ("ok-1.2_3", true)] {
+    for (given, kept) in
+        [("", false), ("a b", false), ("a\"b", false), (&*"x".repeat(65), false), ("ok-1.2_3", true)]
+    {
         let answer = service.send("GET", "/healthz", &[("X-Request-Id", given)], Vec::new());
         let name = answer.header("x-request-id");
         assert_eq!((name == given, name.len() == 16), (kept, !kept), "{given:?} became {name:?}");
     }
-    let is_done = |line: &Value| line["job"] == *id && line["message"].as_str().is_some_and(|m| m.starts_with("done"));
+    let is_done =
+        |line: &Value| line["job"] == *id && line["message"].as_str().is_some_and(|m| m.starts_with("done"));
     let logged = lines(&log, "the job's end", is_done);
     let steps: Vec<&str> = logged
         .iter()
@@ -51,7 +56,10 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
     assert_eq!((steps.first(), steps.last()), (Some(&"queued"), Some(&"done")), "{steps:?}");
     let is_request = |line: &&Value| line["request"] == "nightly-7";
     let made = logged.iter().find(is_request).expect("the request").clone();
-    assert!(made["message"].as_str().is_some_and(|message| message.ends_with(&format!("job {id}"))), "{made}");
+    assert!(
+        made["message"].as_str().is_some_and(|message| message.ends_with(&format!("job {id}"))),
+        "{made}"
+    );
     for line in &logged {
         let has_all = line["time_ms"].is_u64() && line["level"].is_string() && line["target"].is_string();
         assert!(has_all && line["message"].is_string(), "{line}");
@@ -71,7 +79,10 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
         noted.iter().find(|line| is_so(line)).unwrap_or_else(|| panic!("{what}: {noted:?}")).clone()
     };
     let submitted = find("the job", &|line| line["request"] == "nightly-7");
-    assert_eq!((&submitted["job"], &submitted["token"], &submitted["tenant"]), (&json!(id), &json!("admin"), &json!("admin")));
+    assert_eq!(
+        (&submitted["job"], &submitted["token"], &submitted["tenant"]),
+        (&json!(id), &json!("admin"), &json!("admin"))
+    );
     assert_eq!((&submitted["from"], &submitted["status"]), (&json!("127.0.0.1"), &json!(202)));
     let deleted = find("the deletion", &|line| line["method"] == "DELETE" && line["status"] == 204);
     assert_eq!((&deleted["token"], &deleted["path"]), (&json!("admin"), &json!(path)));
@@ -86,6 +97,7 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
     }
     // What was only looked at is not in it, and no secret is.
     assert!(!noted.iter().any(|line| line["method"] == "GET" && line["status"] == 200));
-    let text = std::fs::read_to_string(&audit).expect("a file") + &std::fs::read_to_string(&log).expect("a file");
+    let text =
+        std::fs::read_to_string(&audit).expect("a file") + &std::fs::read_to_string(&log).expect("a file");
     assert!(!text.contains(&service.token) && !text.contains(&ann));
 }

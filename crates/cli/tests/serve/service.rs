@@ -103,9 +103,8 @@ impl Service {
         options: &[&str],
         (token, log): (Option<&str>, Option<&Path>),
     ) -> Option<Self> {
-        let errors = log.map_or_else(Stdio::inherit, |path| {
-            Stdio::from(std::fs::File::create(path).expect("a file"))
-        });
+        let errors =
+            log.map_or_else(Stdio::inherit, |path| Stdio::from(std::fs::File::create(path).expect("a file")));
         // A file that cannot grow is an error then, not a signal.
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])

@@ -91,8 +91,8 @@ fn tokens_come_and_go_while_the_service_runs() {
 fn roles_allow_what_their_routes_say() {
     let data = folder();
     let service = Service::start(data.path(), &[]);
-    let [metrics, read, submit, admin] =
-        ["metrics", "read", "submit", "admin"].map(|role| add(data.path(), &[&format!("{role}-too"), "--role", role]));
+    let [metrics, read, submit, admin] = ["metrics", "read", "submit", "admin"]
+        .map(|role| add(data.path(), &[&format!("{role}-too"), "--role", role]));
     let scene = service.upload_file(&shipped("cornell.json"));
     let document = service.get("/openapi.json").json();
     let mut refused = [0; 4];

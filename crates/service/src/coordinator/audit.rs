@@ -71,7 +71,9 @@ mod tests {
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap_or_default();
         let all: Vec<Value> =
             read(FILE).lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-        assert!(all.len() == 12 && all.iter().all(|line| line["what"] == "tried" && line["time_ms"].is_i64()));
+        assert!(
+            all.len() == 12 && all.iter().all(|line| line["what"] == "tried" && line["time_ms"].is_i64())
+        );
         (0..30).for_each(|n| log.note("again", json!({ "n": n })));
         assert!(read(FILE).len() < 1100 && read(BEFORE).len() > 900, "a file of both");
         assert!(read(FILE).contains("29"), "{}", read(FILE));

@@ -1,7 +1,7 @@
 //! Deletes what is not to be kept any longer, and removes the files of what was deleted.
 
 use super::Runner;
-use super::ledger::{Deleted, Leftover, LedgerError};
+use super::ledger::{Deleted, LedgerError, Leftover};
 use crate::contract::failpoint;
 use std::fs::File;
 use std::path::Path;

@@ -18,13 +18,18 @@ use Kind::{Counter, Gauge, Histogram};
 /// Bounds of times: requests, units, jobs, tiles of live views.
 const REQUESTS: &[f64] = &[0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 const UNITS: &[f64] = &[0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-const JOBS: &[f64] = &[1.0, 3.0, 10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0, 14_400.0, 43_200.0, 86_400.0];
+const JOBS: &[f64] =
+    &[1.0, 3.0, 10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0, 14_400.0, 43_200.0, 86_400.0];
 const TILES: &[f64] = &[0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.15, 0.3, 1.0];
 
 /// Names, kinds and descriptions.
 const ALL: [(&str, Kind, &str); 28] = [
     ("raystream_build_info", Gauge, "1, with the version of the program as a label."),
-    ("raystream_connections_closed_for_others_total", Counter, "Silent connections closed to make room for others."),
+    (
+        "raystream_connections_closed_for_others_total",
+        Counter,
+        "Silent connections closed to make room for others.",
+    ),
     ("raystream_data_folder_free_bytes", Gauge, "Bytes that are free where the data folder lies."),
     ("raystream_data_folder_refuses", Gauge, "1 while the data folder cannot be written, else 0."),
     ("raystream_deliveries", Gauge, "Deliveries of webhooks by state."),
@@ -37,7 +42,11 @@ const ALL: [(&str, Kind, &str); 28] = [
     ("raystream_live_tile_bytes_total", Counter, "Bytes of live views' tiles from workers."),
     ("raystream_live_tile_seconds", Histogram(TILES), "Time of a live view's tile from a worker."),
     ("raystream_live_tiles_total", Counter, "Tiles of live views by result."),
-    ("raystream_oldest_waiting_seconds", Gauge, "Age of the oldest job that has not begun; 0 if there is none."),
+    (
+        "raystream_oldest_waiting_seconds",
+        Gauge,
+        "Age of the oldest job that has not begun; 0 if there is none.",
+    ),
     ("raystream_rays_total", Counter, "Rays traced by this process."),
     ("raystream_redeliveries_total", Counter, "Units given to a worker once more."),
     ("raystream_refused_messages_total", Counter, "Messages of workers refused, by reason."),

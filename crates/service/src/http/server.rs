@@ -9,7 +9,9 @@ use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
 use crate::coordinator::store::Store;
-use crate::coordinator::{AuditLog, DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
+use crate::coordinator::{
+    AuditLog, DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret,
+};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::PrometheusHandle;
@@ -135,8 +137,20 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, ca, reach, retention, open_to_drake, names, limits, scene, farm } =
-        options;
+    let Options {
+        listen,
+        data,
+        tls,
+        insecure,
+        ca,
+        reach,
+        retention,
+        open_to_drake,
+        names,
+        limits,
+        scene,
+        farm,
+    } = options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }

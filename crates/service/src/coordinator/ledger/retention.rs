@@ -164,7 +164,8 @@ impl Ledger {
     pub fn count_bytes(&self, id: &str, bytes: u64) -> Result<(), LedgerError> {
         let id = id.to_owned();
         self.change(move |transaction| {
-            let update = "UPDATE job SET bytes = ?2 WHERE id = ?1 AND state IN ('done', 'failed', 'cancelled')";
+            let update =
+                "UPDATE job SET bytes = ?2 WHERE id = ?1 AND state IN ('done', 'failed', 'cancelled')";
             transaction.execute(update, params![id, bytes as i64])?;
             Ok(())
         })
@@ -240,7 +241,8 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn leftovers(&self) -> Result<Vec<Leftover>, LedgerError> {
         self.read(|connection| {
-            let mut select = connection.prepare_cached("SELECT kind, name FROM leftover ORDER BY kind, name")?;
+            let mut select =
+                connection.prepare_cached("SELECT kind, name FROM leftover ORDER BY kind, name")?;
             let rows = select.query_map([], |row| {
                 let (kind, name) = (row.get::<_, String>(0)?, row.get(1)?);
                 Ok(if kind == "job" { Leftover::Job(name) } else { Leftover::Scene(name) })
