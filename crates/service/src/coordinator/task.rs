@@ -180,8 +180,8 @@ impl Runner {
                 proved.inspect_err(|_| self.state().is_not_home(id))
             }
         };
-        // Whatever a stopped task says, nothing is wrong with it.
-        if watch.is_stopped() && matches!(done, Err(Failure::Job(_))) { Err(Failure::Stopped) } else { done }
+        // Whatever a stopped task says, nothing is wrong with it: its job may even have been deleted.
+        if watch.is_stopped() && done.is_err() { Err(Failure::Stopped) } else { done }
     }
 
     /// Reads the scene of a job, or finds it in the cache.

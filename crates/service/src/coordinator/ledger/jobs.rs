@@ -303,7 +303,8 @@ pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Tota
          WHERE job = ?1",
     )?;
     let (kept, of_frame) = counts(
-        "SELECT coalesce(sum(blocks * (end - first)), 0), (SELECT block_samples FROM job WHERE id = ?1) \
+        "SELECT coalesce(sum(blocks * (end - first)), 0), \
+         coalesce((SELECT block_samples FROM job WHERE id = ?1), 0) \
          FROM unit WHERE job = ?1 AND state > 0",
     )?;
     let (units, units_done) = (units + folded, units_done + folded);
