@@ -37,7 +37,8 @@ impl Ledger {
             let insert = "INSERT OR IGNORE INTO attempt (job, frame, pass, number, worker) \
                 SELECT ?1, ?2, ?3, ?4, ?5 WHERE EXISTS (SELECT 1 FROM job WHERE id = ?1)";
             transaction.execute(insert, params![job, frame, pass as i64, number, worker])?;
-            let count = "SELECT count(*) FROM attempt WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4";
+            let count =
+                "SELECT count(*) FROM attempt WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4";
             transaction.query_row(count, params![job, frame, pass as i64, number], |row| row.get(0))
         })
     }
