@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::time::SystemTime;
 
-/// What a message may be about. It begins with the word and a name then.
+/// Subjects of messages. A message that has one begins with the word and a name then.
 const SUBJECTS: [&str; 6] = ["job", "request", "unit", "worker", "scene", "delivery"];
 
 static AS_JSON: AtomicBool = AtomicBool::new(false);

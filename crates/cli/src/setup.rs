@@ -32,7 +32,7 @@ pub struct Setup {
     pub build_s: f64,
 }
 
-/// What a command is about to do with a scene.
+/// The work of a command on a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Work {
     /// Jobs that run at a time; the oldest has precedence.

@@ -1,4 +1,4 @@
-//! What is deleted, by whom, and what is left of it.
+//! Deletions: of what, by whom, and what is left of it.
 
 use crate::service::{Answer, PATIENCE, raystream};
 use crate::tokens::{add, send};

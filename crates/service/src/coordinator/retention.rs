@@ -17,7 +17,7 @@ const AT_ONCE: usize = 200;
 /// The file of a data folder that a backup locks: what it has begun to copy stays.
 pub(super) const BACKUP_LOCK: &str = "backup.lock";
 
-/// What is kept of jobs that have ended. Pinned jobs are kept in any case.
+/// Bounds of what is kept of jobs that have ended. Pinned jobs are kept in any case.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Retention {
     /// The time for which a job is kept after it has ended or was last an answer, and an upload after it was last used;

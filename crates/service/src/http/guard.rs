@@ -69,7 +69,7 @@ const MOST_PATH: usize = 200;
 /// The longest name that a client may give its request.
 const MOST_ID_BYTES: usize = 64;
 
-/// What is known of a request after it was answered.
+/// A request, as it is remembered while it is answered.
 struct Asked {
     id: String,
     peer: Option<SocketAddr>,
@@ -77,7 +77,7 @@ struct Asked {
 }
 
 impl Asked {
-    /// What the audit log has of a request.
+    /// The line of the audit log for a request.
     fn line(&self, method: &Method, response: &Response) -> Value {
         let caller = response.extensions().get::<Caller>();
         let made = response.headers().get(header::LOCATION).and_then(|value| value.to_str().ok());

@@ -54,9 +54,9 @@ pub struct Options {
     pub insecure: bool,
     /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
     pub ca: Option<PathBuf>,
-    /// Where webhooks may go.
+    /// Addresses that webhooks may call.
     pub reach: Reach,
-    /// What is deleted by itself.
+    /// Bounds of what is kept.
     pub retention: Retention,
     /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,

@@ -78,7 +78,7 @@ impl State {
         &self.0.runner
     }
 
-    /// Where webhooks may go.
+    /// Addresses that webhooks may call.
     pub(super) fn reach(&self) -> &Reach {
         &self.0.reach
     }

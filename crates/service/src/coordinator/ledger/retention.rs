@@ -1,4 +1,4 @@
-//! What is kept and for how long: jobs that are deleted, scenes that none needs, and the files that go with them.
+//! Retention: jobs that are deleted, scenes that none needs, and the files that go with them.
 //!
 //! A deletion is one change of the ledger, which also names the folder that has become a leftover. Files go after
 //! that, so whatever ends the process, the ledger knows of no file that is gone, and what is left is removed later.
