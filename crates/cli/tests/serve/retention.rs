@@ -192,8 +192,8 @@ fn no_deletion_is_half_done_after_kills() {
     let mut all = Vec::new();
     for place in places.into_iter().chain((0..kills).map(|_| None)) {
         let options = place.map_or(vec![], |place| vec!["--failpoint", place]);
-        let mut service = Service::start(data.path(), &options);
-        let request = || {
+        let service = Service::start(data.path(), &options);
+        let mut request = || {
             let bytes = std::fs::read(shipped("cornell.json")).expect("a scene");
             let sha256 = "/api/v1/scenes/".to_owned() + &hash(&bytes);
             service.try_send("PUT", &sha256, &[], bytes.clone())?;
@@ -212,7 +212,6 @@ fn no_deletion_is_half_done_after_kills() {
             }
             Some(())
         };
-        let mut request = request;
         let _ = request();
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         match place {
