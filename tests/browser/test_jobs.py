@@ -54,6 +54,27 @@ class Jobs(service.Case):
         job.get_by_test_id("job-cancel").click()
         job.get_by_text("cancelled").wait_for()
 
+    def test_a_job_is_pinned_and_deleted(self):
+        page = self.jobs()
+        self.give(page, "triangle.glb", service.triangle_glb())
+        page.get_by_test_id("upload").get_by_text("is being rendered").wait_for()
+        scene = page.evaluate("async () => (await (await fetch('api/v1/jobs?limit=1')).json()).jobs[0].scene")
+        name = page.evaluate("""async (scene) => (await (await fetch('api/v1/jobs', { method: 'POST', headers: {
+            'Content-Type': 'application/json' }, body: JSON.stringify({ scene, size: '8x8', spp: 1, seed: 77 })
+            })).json()).id""", scene)
+        job = page.locator(f"[data-testid=job][data-id='{name}']")
+        job.get_by_text("done").wait_for()
+        job.get_by_test_id("job-pin").click()
+        job.get_by_text("Unpin").wait_for()
+        self.assertFalse(job.get_by_test_id("job-delete").is_visible())
+        job.get_by_text("Unpin").click()
+        page.once("dialog", lambda dialog: dialog.dismiss())
+        job.get_by_test_id("job-delete").click()
+        self.assertTrue(job.is_visible(), "it was not meant so")
+        page.once("dialog", lambda dialog: dialog.accept())
+        job.get_by_test_id("job-delete").click()
+        job.wait_for(state="detached")
+
 
 if __name__ == "__main__":
     service.unittest.main()

@@ -17,6 +17,7 @@ mod doctor;
 mod events;
 mod info;
 mod interrupt;
+mod logging;
 mod merge;
 mod mesh;
 mod options_file;
@@ -74,13 +75,7 @@ pub fn run() -> ExitCode {
 /// The binary `raystream` sets it. This function does not, since a caller may have started threads that read the
 /// environment.
 pub fn run_with(registry: Registry) -> ExitCode {
-    env_logger::Builder::from_env(
-        env_logger::Env::default()
-            .default_filter_or("warn,raystream=info,wgpu=off,wgpu_core=off,wgpu_hal=off,naga=off"),
-    )
-    .format_timestamp(None)
-    .format_target(false)
-    .init();
+    logging::start();
     let command = command(&registry);
     let mut arguments = match options_file::expand(&command, std::env::args_os().collect()) {
         Ok(arguments) => arguments,

@@ -32,23 +32,38 @@ pub struct Setup {
     pub build_s: f64,
 }
 
+/// The work of a command on a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Work {
+    /// Jobs that run at a time; the oldest has precedence.
+    pub max_jobs: usize,
+    /// Paths in all, if that is known.
+    pub paths: Option<u64>,
+    /// Bytes of memory besides scene and tree.
+    pub bytes: u64,
+}
+
+impl Default for Work {
+    fn default() -> Self {
+        Self { max_jobs: 1, paths: None, bytes: 0 }
+    }
+}
+
 impl Setup {
-    /// Reads a scene, lets `prepare` change it, checks that scene, tree and `beside_bytes` fit the memory, builds the
-    /// tree and starts the threads. At most `max_jobs` jobs run at a time; the oldest has precedence. So many `paths`
-    /// are traced in all, if that is known.
+    /// Reads a scene, lets `prepare` change it, checks that scene, tree and what the work takes besides fit the memory,
+    /// builds the tree and starts the threads.
     pub fn new(
         path: &Path,
         options: &LoadOptions,
         memory: &MemoryBudget,
-        beside_bytes: u64,
         args: &UnitArgs,
-        (max_jobs, paths): (usize, Option<u64>),
+        work: Work,
         prepare: impl FnOnce(&mut Scene) -> Result<()>,
     ) -> Result<Self> {
         // Options are checked before the scene is read, which may take long.
         let simd = SimdLevel::choose(&args.simd)?;
         let (unit, policy) = units_and_policy(args)?;
-        let units = Units::open(&unit_choice(unit, simd, args).with_paths(paths))?;
+        let units = Units::open(&unit_choice(unit, simd, args).with_paths(work.paths))?;
 
         let started = Instant::now();
         let mut scene = scene_file::read(path, options)?;
@@ -58,7 +73,7 @@ impl Setup {
         prepare(&mut scene)?;
         scene_file::warn_of_clamped_light(&scene);
         let triangles = scene.mesh.triangles.len();
-        let all = PreparedScene::building_bytes(&scene) + beside_bytes;
+        let all = PreparedScene::building_bytes(&scene) + work.bytes;
         let what =
             format!("the tree of {triangles} triangles, with the scene and what else the command holds,");
         afford(memory, what, all)?;
@@ -76,7 +91,7 @@ impl Setup {
             ServiceOptions::default()
                 .with_host_threads(host_threads(args))
                 .with_device_thread(prepared.tracers.device.is_some())
-                .with_max_jobs(max_jobs)
+                .with_max_jobs(work.max_jobs)
                 .with_sharing(Sharing::FirstIn),
         )?;
         let service = Arc::new(service);

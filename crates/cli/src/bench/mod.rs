@@ -18,7 +18,7 @@ use super::Outcome;
 use super::args::{BenchCommand, MemoryArgs, ShotArgs};
 use super::outputs::Outputs;
 use super::service::bench_live;
-use super::setup::Setup;
+use super::setup::{Setup, Work};
 use super::sheet::{Provenance, SceneRow, write};
 use anyhow::Result;
 use raystream::picture::LoadingSpec;
@@ -57,7 +57,8 @@ impl ShotArgs {
         let (loading, memory) = (LoadingSpec::default(), MemoryArgs::default().budget());
         let options = loading.options(&memory);
         let light = |scene: &mut Scene| self.light.apply_environment(scene, &options);
-        let setup = Setup::new(scene, &options, &memory, 0, &self.units, (max_jobs, None), light)?;
+        let work = Work { max_jobs, ..Work::default() };
+        let setup = Setup::new(scene, &options, &memory, &self.units, work, light)?;
         if let Err(reason) = setup.prepared.wait_for_device() {
             log::warn!("tracing on the CPU alone: {reason}");
         }

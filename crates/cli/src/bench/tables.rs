@@ -1,7 +1,7 @@
 //! `raystream bench tables`.
 
 use super::super::args::{BenchTablesArgs, SceneArgs};
-use super::super::setup::Setup;
+use super::super::setup::{Setup, Work};
 use super::write;
 use anyhow::Result;
 use raystream::render::Settings;
@@ -26,9 +26,8 @@ pub fn run(args: &BenchTablesArgs) -> Result<()> {
         &args.scene,
         &loading.options(),
         &loading.memory.budget(),
-        0,
         &args.units,
-        (1, None),
+        Work::default(),
         |_| Ok(()),
     )?;
     let prepared = &setup.prepared;

@@ -16,7 +16,7 @@ mod watch;
 use super::Outcome;
 use super::args::RenderArgs;
 use super::outputs::Outputs;
-use super::setup::Setup;
+use super::setup::{Setup, Work};
 use super::timeline;
 use crate::progress::Progress;
 use animation::{Animation, Files};
@@ -66,8 +66,8 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let bytes = in_flight as u64 * checked.picture_bytes();
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let path = checked.scene_file()?;
-    let jobs = (max_jobs, expected_paths(args));
-    let setup = Setup::new(path, &options, &memory, bytes, &args.units, jobs, |scene| {
+    let work = Work { max_jobs, paths: expected_paths(args), bytes };
+    let setup = Setup::new(path, &options, &memory, &args.units, work, |scene| {
         outputs.check_files_of(scene)?;
         args.spec.encoding.check_ids(&args.spec.aovs(), scene.mesh.triangles.len() as u64)?;
         watched = checked.change(scene, &options)?;

@@ -12,8 +12,8 @@ pub use bench_live::run as bench_live;
 use crate::Outcome;
 use anyhow::Result;
 use args::{
-    BackupArgs, CancelArgs, CheckSceneArgs, DeleteArgs, FarmCommand, FetchArgs, JobsArgs, PinArgs, ServeArgs, SubmitArgs, TimelineArgs,
-    TokenCommand, ViewArgs, WorkerArgs,
+    BackupArgs, CancelArgs, CheckSceneArgs, DeleteArgs, FarmCommand, FetchArgs, JobsArgs, PinArgs, ServeArgs,
+    SubmitArgs, TimelineArgs, TokenCommand, ViewArgs, WorkerArgs,
 };
 use clap::Subcommand;
 use raystream::picture::Registry;

@@ -6,10 +6,10 @@ use crate::service::args::{
 };
 use anyhow::{Context, Result, ensure};
 use raystream_service::contract::{random_hex, write_private};
-use raystream_service::coordinator::DataFolder;
 use raystream_service::coordinator::ledger::{Ledger, Quotas, Token, Usage, now_ms};
+use raystream_service::coordinator::{AuditLog, DataFolder};
 use raystream_service::http::TOKEN_FILE;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 const DAY_MS: i64 = 24 * 3_600_000;
@@ -42,6 +42,7 @@ fn add(args: &TokenAddArgs) -> Result<()> {
     with_ledger(of, |ledger| {
         let is_new = ledger.add_token(token, Token::hash(&text))?;
         ensure!(is_new, "there is a token {name:?}; revoke or rotate it, or choose another name");
+        note(of, "token add", json!({ "token": name, "tenant": tenant, "role": role }));
         Ok(())
     })?;
     tell(of, name, &text, output.as_ref())
@@ -97,11 +98,13 @@ fn revoke(args: &TokenRevokeArgs) -> Result<()> {
     with_ledger(of, |ledger| {
         if *cookies {
             ensure!(ledger.end_sessions(name, random_hex()?)?, "{}", missing(name));
+            note(of, "token revoke --cookies", json!({ "token": name }));
             stdout_line!("the cookies of {name} have ended");
             return Ok(());
         }
         let file = file_of(&of.data, ledger, name)?;
         ensure!(ledger.revoke_token(name)?, "{}", missing(name));
+        note(of, "token revoke", json!({ "token": name }));
         file.map_or(Ok(()), std::fs::remove_file)?;
         stdout_line!("{name} has ended");
         Ok(())
@@ -114,9 +117,15 @@ fn rotate(args: &TokenRotateArgs) -> Result<()> {
     with_ledger(of, |ledger| {
         let file = file_of(&of.data, ledger, name)?;
         ensure!(ledger.rotate_token(name, Token::hash(&text), random_hex()?)?, "{}", missing(name));
+        note(of, "token rotate", json!({ "token": name }));
         Ok(file.map_or(Ok(()), |path| write_private(&path, &text))?)
     })?;
     tell(of, name, &text, output.as_ref())
+}
+
+/// Writes down what the command did.
+fn note(of: &DataArgs, what: &str, more: Value) {
+    AuditLog::new(&of.data).note(what, more);
 }
 
 fn missing(name: &str) -> String {

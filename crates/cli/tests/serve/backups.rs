@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 fn request(scene: &str, seed: usize) -> Value {
     match seed % 3 {
         0 => json!({ "scene": scene, "size": "24x16", "spp": 16, "seed": seed }),
-        1 => json!({ "scene": scene, "size": "24x16", "spp": 8, "frames": "0..2", "turntable": 40, "seed": seed }),
+        1 => {
+            json!({ "scene": scene, "size": "24x16", "spp": 8, "frames": "0..2", "turntable": 40, "seed": seed })
+        }
         _ => json!({ "scene": scene, "size": "16x16", "spp": 64, "seed": seed }),
     }
 }

@@ -1,6 +1,7 @@
 //! The service as its users meet it: real processes, real requests, real kills.
 
 mod attacks;
+mod audit;
 mod backups;
 mod drake;
 mod jobs;

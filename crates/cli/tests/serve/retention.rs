@@ -1,4 +1,4 @@
-//! What is deleted, by whom, and what is left of it.
+//! Deletions: of what, by whom, and what is left of it.
 
 use crate::service::{Answer, PATIENCE, raystream};
 use crate::tokens::{add, send};
@@ -39,7 +39,8 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 
 /// Changes the ledger of a service that has ended.
 fn change(data: &Path, sql: &str) {
-    let code = "import sqlite3, sys\nwith sqlite3.connect(sys.argv[1]) as ledger: ledger.executescript(sys.argv[2])";
+    let code =
+        "import sqlite3, sys\nwith sqlite3.connect(sys.argv[1]) as ledger: ledger.executescript(sys.argv[2])";
     let ledger = data.join("ledger.sqlite");
     let done = Command::new("python3").args(["-c", code]).arg(ledger).arg(sql).status();
     assert!(done.expect("python3 is installed").success());
@@ -62,7 +63,9 @@ fn jobs_are_deleted_with_all_that_is_theirs_and_not_under_anyones_feet() {
     }
     assert_eq!(post(&service, &id, "pin").json()["pinned"], true);
     let refused = delete(&service, &id);
-    assert!(refused.status == 409 && refused.json()["detail"].as_str().is_some_and(|why| why.contains("pinned")));
+    assert!(
+        refused.status == 409 && refused.json()["detail"].as_str().is_some_and(|why| why.contains("pinned"))
+    );
     assert_eq!(service.job(&id)["pinned"], true);
     assert_eq!(post(&service, &id, "unpin").json()["pinned"], false);
     assert_eq!((delete(&service, &id).status, delete(&service, &id).status), (204, 404));
@@ -113,8 +116,8 @@ fn jobs_are_deleted_with_all_that_is_theirs_and_not_under_anyones_feet() {
 fn old_jobs_and_scenes_that_none_needs_go_and_pinned_ones_stay() {
     let data = folder();
     let service = Service::start(data.path(), &[]);
-    let [used, left, idle] = ["cornell.json", "glass.json", "showcase.json"]
-        .map(|name| service.upload_file(&shipped(name)));
+    let [used, left, idle] =
+        ["cornell.json", "glass.json", "showcase.json"].map(|name| service.upload_file(&shipped(name)));
     let pinned = service.submit(&used, &small(1));
     let old = service.submit(&used, &small(2));
     let of_left = service.submit(&left, &small(3));
@@ -126,14 +129,19 @@ fn old_jobs_and_scenes_that_none_needs_go_and_pinned_ones_stay() {
     std::thread::sleep(Duration::from_secs(3));
     assert_eq!(names(data.path(), "scenes").len(), 3, "someone may be about to submit another job");
     service.kill();
-    let two_hours = "UPDATE upload SET used_ms = used_ms - 7200000; UPDATE scene SET created_ms = created_ms - 7200000";
+    let two_hours =
+        "UPDATE upload SET used_ms = used_ms - 7200000; UPDATE scene SET created_ms = created_ms - 7200000";
     change(data.path(), two_hours);
     let service = Service::start(data.path(), &[]);
     let mut kept = [used.clone(), idle.clone()];
     kept.sort();
     wait_until("the scene of a deleted job goes", || names(data.path(), "scenes") == kept);
     assert_eq!(service.get(&format!("/api/v1/scenes/{left}")).status, 404);
-    assert_eq!(service.get(&format!("/api/v1/scenes/{idle}")).status, 200, "what no one has told to go stays");
+    assert_eq!(
+        service.get(&format!("/api/v1/scenes/{idle}")).status,
+        200,
+        "what no one has told to go stays"
+    );
     assert_eq!(service.post("/api/v1/jobs", &json!({ "scene": left, "size": "8x8" })).status, 422);
     service.kill();
     change(data.path(), two_hours);
@@ -159,7 +167,10 @@ fn old_jobs_and_scenes_that_none_needs_go_and_pinned_ones_stay() {
     service.kill();
     let folder_bytes = |id: &str| {
         let frame = data.path().join("jobs").join(id).join("frame-0");
-        std::fs::read_dir(frame).expect("a folder").map(|file| file.expect("a file").metadata().expect("it").len()).sum::<u64>()
+        std::fs::read_dir(frame)
+            .expect("a folder")
+            .map(|file| file.expect("a file").metadata().expect("it").len())
+            .sum::<u64>()
     };
     let most = folder_bytes(&pinned) + folder_bytes(&ids[2]) + folder_bytes(&ids[3]);
     let service = Service::start(data.path(), &["--keep-bytes", &most.to_string()]);
@@ -181,15 +192,16 @@ fn no_deletion_is_half_done_after_kills() {
     let mut all = Vec::new();
     for place in places.into_iter().chain((0..kills).map(|_| None)) {
         let options = place.map_or(vec![], |place| vec!["--failpoint", place]);
-        let mut service = Service::start(data.path(), &options);
-        let request = || {
+        let service = Service::start(data.path(), &options);
+        let mut request = || {
             let bytes = std::fs::read(shipped("cornell.json")).expect("a scene");
             let sha256 = "/api/v1/scenes/".to_owned() + &hash(&bytes);
             service.try_send("PUT", &sha256, &[], bytes.clone())?;
             for seed in 0..6 {
                 let body = json!({ "scene": hash(&bytes), "size": "8x8", "spp": 1, "seed": seed });
                 let headers = [("Content-Type", "application/json"), ("Cache-Control", "no-cache")];
-                let answer = service.try_send("POST", "/api/v1/jobs", &headers, body.to_string().into_bytes())?;
+                let answer =
+                    service.try_send("POST", "/api/v1/jobs", &headers, body.to_string().into_bytes())?;
                 all.push(answer.json()["id"].as_str().expect("an id").to_owned());
             }
             for id in &all {
@@ -200,7 +212,6 @@ fn no_deletion_is_half_done_after_kills() {
             }
             Some(())
         };
-        let mut request = request;
         let _ = request();
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         match place {
@@ -215,7 +226,8 @@ fn no_deletion_is_half_done_after_kills() {
     let service = Service::start(data.path(), &[]);
     let listed = service.get("/api/v1/jobs?limit=500").json();
     let jobs = listed["jobs"].as_array().expect("a list");
-    let mut known: Vec<String> = jobs.iter().map(|job| job["id"].as_str().expect("an id").to_owned()).collect();
+    let mut known: Vec<String> =
+        jobs.iter().map(|job| job["id"].as_str().expect("an id").to_owned()).collect();
     known.sort();
     for job in jobs {
         let id = job["id"].as_str().expect("an id");

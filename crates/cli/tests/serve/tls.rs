@@ -1,5 +1,6 @@
 //! TLS, where the service answers and where it calls.
 
+use crate::service::PATIENCE;
 use crate::{Service, folder, shipped};
 use rcgen::{CertifiedKey, generate_simple_self_signed};
 use serde_json::{Value, json};

@@ -38,7 +38,7 @@ pub enum BackupError {
     },
 }
 
-/// What was copied.
+/// The amount of what was copied.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Copied {
     /// Jobs.

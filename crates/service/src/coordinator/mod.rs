@@ -11,6 +11,7 @@
 //! workers are threads of this process, and everything else is the same.
 
 mod answers;
+mod audit;
 mod backup;
 mod data_folder;
 pub mod decisions;
@@ -31,6 +32,7 @@ mod trouble;
 mod verdicts;
 mod workers;
 
+pub use audit::AuditLog;
 pub use backup::{BackupError, Copied, backup, restore};
 pub use data_folder::{DataFolder, FolderError};
 pub use own_scene::{KeptScene, OwnScene};
@@ -85,7 +87,7 @@ impl std::fmt::Debug for FarmOptions {
     }
 }
 
-/// What a data folder holds, and how long it is kept.
+/// The content of a data folder, and bounds of what is kept of it.
 #[derive(Debug)]
 pub struct Record {
     /// The ledger.
@@ -94,7 +96,7 @@ pub struct Record {
     pub store: Arc<Store>,
     /// The key of leases and draws.
     pub secret: Secret,
-    /// What is deleted by itself.
+    /// Bounds of what is kept.
     pub retention: Retention,
     /// The SHA-256 of the service's own scene, which stays.
     pub own_scene: Option<String>,

@@ -1,7 +1,7 @@
 //! Deletes what is not to be kept any longer, and removes the files of what was deleted.
 
 use super::Runner;
-use super::ledger::{Deleted, Leftover, LedgerError};
+use super::ledger::{Deleted, LedgerError, Leftover};
 use crate::contract::failpoint;
 use std::fs::File;
 use std::path::Path;
@@ -17,7 +17,7 @@ const AT_ONCE: usize = 200;
 /// The file of a data folder that a backup locks: what it has begun to copy stays.
 pub(super) const BACKUP_LOCK: &str = "backup.lock";
 
-/// What is kept of jobs that have ended. Pinned jobs are kept in any case.
+/// Bounds of what is kept of jobs that have ended. Pinned jobs are kept in any case.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Retention {
     /// The time for which a job is kept after it has ended or was last an answer, and an upload after it was last used;

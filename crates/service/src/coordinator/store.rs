@@ -335,6 +335,9 @@ mod tests {
         let left = std::fs::read_dir(store.temporary()).expect("a folder").count();
         assert_eq!(left, 0, "nothing is left of what was refused");
         let upload = store.begin().expect("an upload");
-        assert_eq!(store.keep(upload, &sha256, &limits, |_| Ok(())).expect_err("another").status().as_u16(), 422);
+        assert_eq!(
+            store.keep(upload, &sha256, &limits, |_| Ok(())).expect_err("another").status().as_u16(),
+            422
+        );
     }
 }

@@ -6,7 +6,7 @@ use super::ledger::{FrameRow, Job, JobState, LedgerError, Pending, UnitRow};
 use super::lending::{Comparison, Party};
 use super::request::JobRequest;
 use super::results::{self, PICTURE};
-use super::{NAP, Runner};
+use super::{NAP, Runner, planner};
 use crate::backend::OpenJob;
 use crate::contract::{UnitId, UnitWatch, failpoint};
 use raystream::files::sync_folder;
@@ -160,7 +160,9 @@ impl Runner {
     }
 
     fn run(&self, job: &Job, task: &Task, watch: &UnitWatch) -> Result<(), Failure> {
-        if watch.is_stopped_now() {
+        // The planner may have read the ledger before the job was cancelled, and deleted after that.
+        let is_active = |job: Job| planner::is_active(job.state);
+        if watch.is_stopped_now() || !self.ledger.job(&job.id)?.is_some_and(is_active) {
             return Err(Failure::Stopped);
         }
         if job.is_planned && job.state == JobState::Queued {
@@ -180,8 +182,8 @@ impl Runner {
                 proved.inspect_err(|_| self.state().is_not_home(id))
             }
         };
-        // Whatever a stopped task says, nothing is wrong with it.
-        if watch.is_stopped() && matches!(done, Err(Failure::Job(_))) { Err(Failure::Stopped) } else { done }
+        // Whatever a stopped task says, nothing is wrong with it: its job may even have been deleted.
+        if watch.is_stopped() && done.is_err() { Err(Failure::Stopped) } else { done }
     }
 
     /// Reads the scene of a job, or finds it in the cache.

@@ -4,7 +4,7 @@ use super::auth::{COOKIE, Refused, refusal, unauthorised};
 use super::caller::Caller;
 use super::route::Access;
 use super::state::State;
-use crate::contract::Problem;
+use crate::contract::{Problem, random_hex};
 use axum::extract::{ConnectInfo, MatchedPath, Request, State as Given};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
@@ -12,6 +12,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
 use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
@@ -27,6 +28,8 @@ const HEADERS: [(&str, &str); 5] = [
 /// Refuses requests that a foreign page or a foreign name leads here, and counts all.
 pub async fn origin(Given(state): Given<State>, request: Request, next: Next) -> Response {
     let (began, method) = (Instant::now(), request.method().clone());
+    let path = request.uri().path().chars().take(MOST_PATH).collect();
+    let asked = Asked { id: request_id(request.headers()), peer: peer(&request), path };
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
     let mut response = match check_names(&state, request.uri(), request.headers()) {
         Ok(()) => next.run(request).await,
@@ -36,10 +39,72 @@ pub async fn origin(Given(state): Given<State>, request: Request, next: Next) ->
         let name = HeaderName::from_static(name);
         response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
+    if let Ok(id) = HeaderValue::from_str(&asked.id) {
+        response.headers_mut().insert(HeaderName::from_static(REQUEST_ID), id);
+    }
+    if response.status().is_server_error() {
+        log::warn!("request {}: {method} {}: {}", asked.id, asked.path, response.status());
+    }
+    if is_audited(&method, &route, response.status()) {
+        let (state, line) = (state.clone(), asked.line(&method, &response));
+        if response.status().is_success() {
+            let made = line["job"].as_str().map_or_else(String::new, |job| format!(", job {job}"));
+            log::info!("request {}: {method} {}: {}{made}", asked.id, asked.path, response.status());
+        }
+        // The answer does not wait for the disk.
+        tokio::task::spawn_blocking(move || state.audit().note("request", line));
+    }
     let code = response.status().as_u16().to_string();
     let labels = [("route", route), ("method", method.to_string()), ("code", code)];
     metrics::histogram!("raystream_http_request_seconds", &labels).record(began.elapsed().as_secs_f64());
     response
+}
+
+/// The header with the name of a request: the client's own, or one that is drawn.
+const REQUEST_ID: &str = "x-request-id";
+
+/// Characters of a path that are written down.
+const MOST_PATH: usize = 200;
+
+/// The longest name that a client may give its request.
+const MOST_ID_BYTES: usize = 64;
+
+/// A request, as it is remembered while it is answered.
+struct Asked {
+    id: String,
+    peer: Option<SocketAddr>,
+    path: String,
+}
+
+impl Asked {
+    /// The line of the audit log for a request.
+    fn line(&self, method: &Method, response: &Response) -> Value {
+        let caller = response.extensions().get::<Caller>();
+        let made = response.headers().get(header::LOCATION).and_then(|value| value.to_str().ok());
+        json!({ "request": self.id, "from": self.peer.map(|peer| peer.ip()), "token": caller.map(Caller::name),
+            "tenant": caller.map(Caller::tenant), "method": method.as_str(), "path": self.path,
+            "status": response.status().as_u16(), "job": made.and_then(|made| made.strip_prefix("/api/v1/jobs/")) })
+    }
+}
+
+/// Routes that only answer, though their questions have bodies.
+const QUESTIONS: [&str; 2] = ["/api/v1/query", "/render"];
+
+/// True for what changes something, and for refusals of who asks or of how much.
+fn is_audited(method: &Method, route: &str, status: StatusCode) -> bool {
+    const REFUSALS: [StatusCode; 3] =
+        [StatusCode::UNAUTHORIZED, StatusCode::FORBIDDEN, StatusCode::TOO_MANY_REQUESTS];
+    let changes = !matches!(*method, Method::GET | Method::HEAD) && !QUESTIONS.contains(&route);
+    changes || REFUSALS.contains(&status)
+}
+
+/// The name of a request.
+fn request_id(headers: &HeaderMap) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.');
+    let given = headers.get(REQUEST_ID).and_then(|value| value.to_str().ok());
+    let given = given.filter(|id| (1..=MOST_ID_BYTES).contains(&id.len()) && id.bytes().all(is_plain));
+    let drawn = || random_hex().map_or_else(|_| "none".into(), |text| text[..16].to_owned());
+    given.map_or_else(drawn, str::to_owned)
 }
 
 /// The means by which a request is let in.
@@ -63,8 +128,10 @@ pub async fn admit(
     match checked.and_then(|caller| caller.check(access.role()).map(|()| caller)) {
         Ok(caller) => {
             peer(&request).into_iter().for_each(|peer| state.connections().trust(peer));
-            request.extensions_mut().insert(caller);
-            next.run(request).await
+            request.extensions_mut().insert(caller.clone());
+            let mut response = next.run(request).await;
+            response.extensions_mut().insert(caller);
+            response
         }
         Err(problem) => problem.into_response(),
     }

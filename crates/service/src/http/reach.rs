@@ -97,7 +97,8 @@ impl Resolver for Reach {
         let mut admitted = self.empty();
         found.iter().filter(|found| self.admits(found.ip())).for_each(|found| admitted.push(*found));
         if admitted.is_empty() {
-            log::warn!("{uri}: leads to {:?} alone, where no webhook may go", &found[..]);
+            let host = uri.host().unwrap_or_default();
+            log::warn!("{host}: leads to {:?} alone, where no webhook may go", &found[..]);
             return Err(ureq::Error::Other(Box::new(Unreachable)));
         }
         Ok(admitted)

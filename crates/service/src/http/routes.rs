@@ -116,7 +116,9 @@ fn of_farms() -> [Route; 5] {
         Route::post("/api/v1/workers/{key}/trust", "Let a worker take units again", health::trust)
             .access(admin),
         Route::get("/api/v1/events", "Server-sent events of all your jobs", events::of_all).media(EVENTS),
-        Route::get("/metrics", "Measurements for Prometheus", health::metrics).media(TEXT).access(admin),
+        Route::get("/metrics", "Measurements for Prometheus", health::metrics)
+            .media(TEXT)
+            .access(Access::Role(Role::Metrics)),
     ]
 }
 

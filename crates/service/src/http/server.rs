@@ -4,15 +4,17 @@ use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
 use super::reach::Reach;
 use super::state::{Inner, State};
-use super::{roots, routes, webhook};
+use super::{journal, measurements, roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
 use crate::coordinator::store::Store;
-use crate::coordinator::{DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret};
+use crate::coordinator::{
+    AuditLog, DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret,
+};
 use axum_server::Handle;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
-use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+use metrics_exporter_prometheus::PrometheusHandle;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
@@ -52,9 +54,9 @@ pub struct Options {
     pub insecure: bool,
     /// Certificates of the authorities by which addresses of webhooks are known; `None` for those of the system.
     pub ca: Option<PathBuf>,
-    /// Where webhooks may go.
+    /// Addresses that webhooks may call.
     pub reach: Reach,
-    /// What is deleted by itself.
+    /// Bounds of what is kept.
     pub retention: Retention,
     /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
@@ -135,8 +137,20 @@ pub fn run(
     stop: &Stop,
     listening: impl FnOnce(SocketAddr) + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { listen, data, tls, insecure, ca, reach, retention, open_to_drake, names, limits, scene, farm } =
-        options;
+    let Options {
+        listen,
+        data,
+        tls,
+        insecure,
+        ca,
+        reach,
+        retention,
+        open_to_drake,
+        names,
+        limits,
+        scene,
+        farm,
+    } = options;
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
@@ -150,10 +164,11 @@ pub fn run(
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
-    let recorder = PrometheusBuilder::new().build_recorder();
+    let recorder = measurements::builder().map_err(io::Error::other)?.build_recorder();
     let metrics = recorder.handle();
     // A process has one recorder; a second service of a test shares it.
     let _ = metrics::set_global_recorder(recorder);
+    measurements::describe();
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
     let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
@@ -172,6 +187,7 @@ pub fn run(
         is_open_to_drake: open_to_drake,
         connections: Arc::new(Connections::new(room_for(limits.connections))),
         metrics,
+        audit: AuditLog::new(&data),
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });
@@ -182,6 +198,7 @@ pub fn run(
         .enable_time()
         .build()?;
     let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
+    let _steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();

@@ -7,7 +7,7 @@ use crate::backend::RenderBackend;
 use crate::contract::{Limits, Problem};
 use crate::coordinator::ledger::Ledger;
 use crate::coordinator::store::Store;
-use crate::coordinator::{KeptScene, Runner};
+use crate::coordinator::{AuditLog, KeptScene, Runner};
 use axum::http::StatusCode;
 use metrics_exporter_prometheus::PrometheusHandle;
 use std::sync::Arc;
@@ -32,6 +32,7 @@ pub(super) struct Inner {
     pub is_open_to_drake: bool,
     pub connections: Arc<Connections>,
     pub metrics: PrometheusHandle,
+    pub audit: AuditLog,
     pub uploads: Semaphore,
     /// True once the service is to end.
     pub ending: watch::Receiver<bool>,
@@ -77,7 +78,7 @@ impl State {
         &self.0.runner
     }
 
-    /// Where webhooks may go.
+    /// Addresses that webhooks may call.
     pub(super) fn reach(&self) -> &Reach {
         &self.0.reach
     }
@@ -107,6 +108,11 @@ impl State {
 
     pub(super) fn metrics(&self) -> &PrometheusHandle {
         &self.0.metrics
+    }
+
+    /// The record of who did what.
+    pub(super) fn audit(&self) -> &AuditLog {
+        &self.0.audit
     }
 
     pub(super) fn uploads(&self) -> &Semaphore {

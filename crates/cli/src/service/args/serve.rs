@@ -1,6 +1,7 @@
 //! Arguments of the service and of the commands that talk to it.
 
 use crate::args::{SceneArgs, SpecArgs, UnitArgs};
+use crate::logging::{FORMAT, LogFormat};
 use clap::parser::ValueSource;
 use clap::{Args, FromArgMatches};
 use ipnet::IpNet;
@@ -69,6 +70,9 @@ pub struct ServeArgs {
     /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
     #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
     pub tev: Option<String>,
+    /// Form of the messages on standard error: text, or lines of JSON.
+    #[arg(long, value_name = "FORM", value_enum, default_value_t = LogFormat::Text, env = FORMAT)]
+    pub log_format: LogFormat,
     /// Pixels × samples of a unit, for tests.
     #[arg(long, value_name = "N", hide = true)]
     pub unit_samples: Option<u64>,

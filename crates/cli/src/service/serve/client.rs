@@ -1,7 +1,9 @@
 //! The commands that talk to a service.
 
 use crate::args::{Cli, Command};
-use crate::service::args::{CancelArgs, ClientArgs, DeleteArgs, FetchArgs, JobsArgs, PinArgs, SubmitArgs, TimelineArgs};
+use crate::service::args::{
+    CancelArgs, ClientArgs, DeleteArgs, FetchArgs, JobsArgs, PinArgs, SubmitArgs, TimelineArgs,
+};
 use crate::{Outcome, command, options_file};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::FromArgMatches;

@@ -42,6 +42,7 @@ fn serve(
     scene: Option<&Path>,
     listening: impl FnOnce(&str) + Send + 'static,
 ) -> Result<Outcome> {
+    args.log_format.choose();
     let ServeArgs { listen, data, tls_certificate, tls_key, insecure, name, .. } = args;
     let tls = tls_certificate.clone().zip(tls_key.clone());
     let is_encrypted = tls.is_some();

@@ -33,9 +33,12 @@ impl Ledger {
         let (job, worker) = (job.to_owned(), worker.to_owned());
         let UnitRow { frame, pass, number, .. } = unit.clone();
         self.change(move |transaction| {
-            let insert = "INSERT OR IGNORE INTO attempt (job, frame, pass, number, worker) VALUES (?1, ?2, ?3, ?4, ?5)";
+            // The job may have been deleted.
+            let insert = "INSERT OR IGNORE INTO attempt (job, frame, pass, number, worker) \
+                SELECT ?1, ?2, ?3, ?4, ?5 WHERE EXISTS (SELECT 1 FROM job WHERE id = ?1)";
             transaction.execute(insert, params![job, frame, pass as i64, number, worker])?;
-            let count = "SELECT count(*) FROM attempt WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4";
+            let count =
+                "SELECT count(*) FROM attempt WHERE job = ?1 AND frame = ?2 AND pass = ?3 AND number = ?4";
             transaction.query_row(count, params![job, frame, pass as i64, number], |row| row.get(0))
         })
     }

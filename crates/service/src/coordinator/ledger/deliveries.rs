@@ -150,16 +150,15 @@ impl Ledger {
     /// # Errors
     /// If the ledger cannot be used.
     pub fn delivery_counts(&self, job: &str) -> Result<DeliveryCounts, LedgerError> {
-        self.read(|connection| {
-            let mut select = connection.prepare_cached(
-                "SELECT count(*) FILTER (WHERE state = 0), count(*) FILTER (WHERE state = 1), \
-                 count(*) FILTER (WHERE state = 2) FROM delivery WHERE job = ?1",
-            )?;
-            select.query_row([job], |row| {
-                let (waiting, delivered, failed) = (row.get(0)?, row.get(1)?, row.get(2)?);
-                Ok(DeliveryCounts { waiting, delivered, failed })
-            })
-        })
+        self.read(|connection| counts(connection, Some(job)))
+    }
+
+    /// The number of all deliveries in each state.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn all_delivery_counts(&self) -> Result<DeliveryCounts, LedgerError> {
+        self.read(|connection| counts(connection, None))
     }
 
     /// Calls that are due, at most some of each tenant, so that one with many delays no other.
@@ -205,6 +204,18 @@ impl Ledger {
             Ok(())
         })
     }
+}
+
+fn counts(connection: &Connection, job: Option<&str>) -> rusqlite::Result<DeliveryCounts> {
+    let of = if job.is_some() { "job = ?1" } else { "?1 IS NULL" };
+    let mut select = connection.prepare_cached(&format!(
+        "SELECT count(*) FILTER (WHERE state = 0), count(*) FILTER (WHERE state = 1), \
+         count(*) FILTER (WHERE state = 2) FROM delivery WHERE {of}"
+    ))?;
+    select.query_row([job], |row| {
+        let (waiting, delivered, failed) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        Ok(DeliveryCounts { waiting, delivered, failed })
+    })
 }
 
 /// Adds a delivery. False if there are too many.

@@ -172,6 +172,17 @@ impl Ledger {
         })
     }
 
+    /// The time at which the oldest job was submitted that waits for its first unit, in milliseconds since 1970.
+    ///
+    /// # Errors
+    /// If the ledger cannot be used.
+    pub fn oldest_waiting(&self) -> Result<Option<i64>, LedgerError> {
+        self.read(|connection| {
+            let select = "SELECT min(created_ms) FROM job WHERE state = 'queued' AND began_ms IS NULL";
+            connection.query_row(select, [], |row| row.get(0))
+        })
+    }
+
     /// Changes the state of a job if it has one of these states now. Returns the state that it has then; `None` if
     /// there is no such job.
     ///
@@ -292,7 +303,8 @@ pub(super) fn totals(connection: &Connection, id: &str) -> rusqlite::Result<Tota
          WHERE job = ?1",
     )?;
     let (kept, of_frame) = counts(
-        "SELECT coalesce(sum(blocks * (end - first)), 0), (SELECT block_samples FROM job WHERE id = ?1) \
+        "SELECT coalesce(sum(blocks * (end - first)), 0), \
+         coalesce((SELECT block_samples FROM job WHERE id = ?1), 0) \
          FROM unit WHERE job = ?1 AND state > 0",
     )?;
     let (units, units_done) = (units + folded, units_done + folded);

@@ -1,4 +1,4 @@
-//! What is kept and for how long: jobs that are deleted, scenes that none needs, and the files that go with them.
+//! Retention: jobs that are deleted, scenes that none needs, and the files that go with them.
 //!
 //! A deletion is one change of the ledger, which also names the folder that has become a leftover. Files go after
 //! that, so whatever ends the process, the ledger knows of no file that is gone, and what is left is removed later.
@@ -164,7 +164,8 @@ impl Ledger {
     pub fn count_bytes(&self, id: &str, bytes: u64) -> Result<(), LedgerError> {
         let id = id.to_owned();
         self.change(move |transaction| {
-            let update = "UPDATE job SET bytes = ?2 WHERE id = ?1 AND state IN ('done', 'failed', 'cancelled')";
+            let update =
+                "UPDATE job SET bytes = ?2 WHERE id = ?1 AND state IN ('done', 'failed', 'cancelled')";
             transaction.execute(update, params![id, bytes as i64])?;
             Ok(())
         })
@@ -221,14 +222,16 @@ impl Ledger {
         }
         self.change(move |transaction| {
             transaction.execute(&format!("DELETE FROM upload WHERE {unneeded}"), params![left, idle])?;
-            let of = format!("FROM scene WHERE {without_upload}");
-            // Numbered parameters are all of them, used or not.
-            let insert = format!("INSERT OR IGNORE INTO leftover SELECT 'scene', sha256 {of} AND ?1 IS NOT ?2");
-            transaction.execute(&insert, params![left, idle, rested, but])?;
-            let gone = "DELETE FROM scene WHERE sha256 IN (SELECT name FROM leftover WHERE kind = 'scene') \
-                AND NOT EXISTS (SELECT 1 FROM upload WHERE upload.sha256 = scene.sha256) \
-                AND NOT EXISTS (SELECT 1 FROM job WHERE job.scene = scene.sha256)";
-            transaction.execute(gone, [])
+            let select = format!("SELECT sha256 FROM scene WHERE {without_upload}");
+            // Its parameters are the first there.
+            let mut select = transaction.prepare(&select.replace("?3", "?1").replace("?4", "?2"))?;
+            let scenes = select.query_map(params![rested, but], |row| row.get(0))?;
+            let scenes: Vec<String> = scenes.collect::<rusqlite::Result<_>>()?;
+            for scene in &scenes {
+                leave(transaction, &Leftover::Scene(scene.clone()))?;
+                transaction.execute("DELETE FROM scene WHERE sha256 = ?1", [scene])?;
+            }
+            Ok(scenes.len())
         })
     }
 
@@ -238,7 +241,8 @@ impl Ledger {
     /// If the ledger cannot be used.
     pub fn leftovers(&self) -> Result<Vec<Leftover>, LedgerError> {
         self.read(|connection| {
-            let mut select = connection.prepare_cached("SELECT kind, name FROM leftover ORDER BY kind, name")?;
+            let mut select =
+                connection.prepare_cached("SELECT kind, name FROM leftover ORDER BY kind, name")?;
             let rows = select.query_map([], |row| {
                 let (kind, name) = (row.get::<_, String>(0)?, row.get(1)?);
                 Ok(if kind == "job" { Leftover::Job(name) } else { Leftover::Scene(name) })

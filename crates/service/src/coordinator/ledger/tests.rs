@@ -124,7 +124,8 @@ fn damage_and_newer_versions_are_told() {
     ledger.change(|connection| connection.pragma_update(None, "user_version", 99)).expect("changed");
     drop(ledger);
     assert!(matches!(Ledger::open(folder.path()), Err(LedgerError::Newer { version: 99, .. })));
-    std::fs::write(folder.path().join(Ledger::FILE), b"SQLite format 3\0 and no more than that").expect("a file");
+    std::fs::write(folder.path().join(Ledger::FILE), b"SQLite format 3\0 and no more than that")
+        .expect("a file");
     assert!(Ledger::open(folder.path()).is_err());
 }
 

@@ -14,10 +14,12 @@ use subtle::ConstantTimeEq;
 /// Digits of a token's SHA-256 by which its row is found. The others are compared in constant time.
 const START: usize = 16;
 
-/// The rights of a token. Each role may do what those before it may.
+/// The rights of a token. Each role but the first may do what those before it may, and the last what all may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
+    /// Reads measurements, and nothing else.
+    Metrics,
     /// Looks at jobs and gets pictures.
     Read,
     /// Uploads scenes, submits and steers jobs, asks rays, opens live views.
@@ -28,11 +30,12 @@ pub enum Role {
 
 impl Role {
     /// All roles.
-    pub const ALL: [Self; 3] = [Self::Read, Self::Submit, Self::Admin];
+    pub const ALL: [Self; 4] = [Self::Metrics, Self::Read, Self::Submit, Self::Admin];
 
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Metrics => "metrics",
             Self::Read => "read",
             Self::Submit => "submit",
             Self::Admin => "admin",
@@ -51,7 +54,7 @@ impl FromStr for Role {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|role| role.name() == text);
-        found.ok_or_else(|| format!("{text:?} is no role; choose read, submit or admin"))
+        found.ok_or_else(|| format!("{text:?} is no role; choose metrics, read, submit or admin"))
     }
 }
 

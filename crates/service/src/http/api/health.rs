@@ -3,6 +3,7 @@
 use super::body;
 use crate::contract::Problem;
 use crate::coordinator::ShownWorker;
+use crate::coordinator::ledger::{DeliveryCounts, now_ms};
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
@@ -54,15 +55,42 @@ pub async fn trust(
 
 /// `GET /metrics`, in Prometheus' text format.
 pub async fn metrics(Given(state): Given<State>) -> Result<impl IntoResponse, Problem> {
-    let counts = state.blocking(|state| Ok(state.ledger().counts()?)).await?;
+    let (counts, oldest_ms, deliveries) = state
+        .blocking(|state| {
+            let ledger = state.ledger();
+            Ok((ledger.counts()?, ledger.oldest_waiting()?, ledger.all_delivery_counts()?))
+        })
+        .await?;
     for (job, count) in counts {
         metrics::gauge!("raystream_jobs", "state" => job.name()).set(count as f64);
     }
+    let DeliveryCounts { waiting, delivered, failed } = deliveries;
+    for (kind, count) in [("waiting", waiting), ("delivered", delivered), ("failed", failed)] {
+        metrics::gauge!("raystream_deliveries", "state" => kind).set(f64::from(count));
+    }
+    let age_ms = oldest_ms.map_or(0, |created_ms| (now_ms() - created_ms).max(0));
+    metrics::gauge!("raystream_oldest_waiting_seconds").set(age_ms as f64 / 1000.0);
     let workers = state.runner().workers();
     for (kind, count) in ShownWorker::counts(&workers) {
         metrics::gauge!("raystream_workers", "state" => kind).set(count as f64);
     }
     metrics::gauge!("raystream_units_outstanding").set(state.runner().outstanding() as f64);
+    if let Some(free) = free_bytes(state.store().data()) {
+        metrics::gauge!("raystream_data_folder_free_bytes").set(free as f64);
+    }
     let text = state.metrics().render();
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text))
+}
+
+/// Bytes that are free where a folder lies.
+#[cfg(target_os = "linux")]
+fn free_bytes(folder: &std::path::Path) -> Option<u64> {
+    let about = rustix::fs::statvfs(folder).ok()?;
+    Some(about.f_bavail.saturating_mul(about.f_frsize))
+}
+
+/// Other systems are not asked.
+#[cfg(not(target_os = "linux"))]
+fn free_bytes(_: &std::path::Path) -> Option<u64> {
+    None
 }
