@@ -52,7 +52,7 @@ impl Destination {
     }
 }
 
-/// Writes a file; `encode` writes the content. Symbolic links are followed.
+/// Writes a file; `encode` writes the content. Symbolic links are followed, and folders that are missing are made.
 ///
 /// A regular file is replaced atomically: other processes see the old content or the whole new one. The permissions
 /// of an existing file are kept. Into a device or a pipe the whole content is copied once it is encoded.
@@ -69,7 +69,10 @@ pub fn write(
     encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), NotWritten> {
     let write = || match Destination::of(path)? {
-        Destination::Regular(path) => replace(&path, encode),
+        Destination::Regular(path) => {
+            std::fs::create_dir_all(folder(&path))?;
+            replace(&path, encode)
+        }
         Destination::Stream(path) => {
             let mut file = BufWriter::new(tempfile::tempfile().map_err(without_name)?);
             encode(&mut file)?;
@@ -98,13 +101,14 @@ fn replace(path: &Path, encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<
     }
 }
 
-/// Looks whether a file can be written, before time is spent on its content. The file is neither created nor changed.
+/// Looks whether a file can be written, before time is spent on its content. The file is neither created nor changed,
+/// and no folder is made.
 ///
 /// # Errors
 /// If [`write`] would fail with what is known now.
 pub fn check_writable(path: &Path) -> Result<(), NotWritten> {
     let check = || match Destination::of(path)? {
-        Destination::Regular(path) => create(folder(&path)).map(drop),
+        Destination::Regular(path) => create(existing(folder(&path))).map(drop),
         // Opening a pipe would wait for its reader.
         Destination::Stream(_) => Ok(()),
     };
@@ -117,8 +121,19 @@ pub fn identity(path: &Path) -> Option<PathBuf> {
     let Destination::Regular(path) = Destination::of(path).ok()? else { return None };
     match path.canonicalize() {
         Ok(path) => Some(path),
-        Err(_) => Some(folder(&path).canonicalize().ok()?.join(path.file_name()?)),
+        Err(_) => {
+            let there = existing(folder(&path));
+            let missing = path.strip_prefix(there).unwrap_or(&path);
+            Some(there.canonicalize().ok()?.join(missing))
+        }
     }
+}
+
+/// The folder itself, or the nearest one above it that exists.
+fn existing(folder: &Path) -> &Path {
+    let above = |folder: &&Path| !folder.as_os_str().is_empty();
+    let mut folders = folder.ancestors().filter(above);
+    folders.find(|folder| std::fs::symlink_metadata(folder).is_ok()).unwrap_or(Path::new("."))
 }
 
 /// Makes the names in a folder last: what was renamed into it is there after a power failure too.
@@ -221,7 +236,20 @@ mod tests {
         assert!(failure.expect_err("must fail").to_string().contains("disk full"));
         assert_eq!(std::fs::read(&path).expect("file"), b"old");
         assert_eq!(names(folder.path()), ["a.png"]);
-        assert!(write(&folder.path().join("none/a.png"), |_| Ok(())).is_err());
+        assert!(write(&path.join("a.png"), |_| Ok(())).is_err(), "a file is no folder");
+    }
+
+    #[test]
+    fn missing_folders_are_made_when_a_file_is_written() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("new/set/a.png");
+        check_writable(&path).expect("can be made");
+        assert!(names(folder.path()).is_empty(), "to look makes nothing");
+        let other = folder.path().join("new/../new/set/a.png");
+        assert_eq!(identity(&path), Some(folder.path().canonicalize().expect("there").join("new/set/a.png")));
+        write(&path, |file| file.write_all(b"whole")).expect("written");
+        assert_eq!(std::fs::read(&path).expect("file"), b"whole");
+        assert_eq!(identity(&path), identity(&other));
     }
 
     /// Whatever exists during the write would be left by a kill.
@@ -314,9 +342,10 @@ mod tests {
     #[test]
     fn errors_name_the_file_and_nothing_temporary() {
         let folder = tempfile::tempdir().expect("folder");
+        std::fs::write(folder.path().join("none"), "").expect("a file");
         let missing = folder.path().join("none/a.png");
         for error in [check_writable(&missing), write(&missing, |_| Ok(()))] {
-            let error = error.expect_err("no such folder").to_string();
+            let error = error.expect_err("no folder").to_string();
             assert!(error.starts_with(&missing.display().to_string()), "{error}");
             assert!(!error.replacen("/none/a.png", "", 1).contains("none"), "{error}");
         }

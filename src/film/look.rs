@@ -3,7 +3,7 @@
 use super::view::times;
 use super::{Image, View};
 
-/// Luminance that automatic exposure gives to the mean of a picture: middle grey.
+/// Luminance that automatic exposure gives to a picture of one luminance: middle grey.
 const MIDDLE_GREY: f32 = 0.18;
 
 /// Brightness at which a picture is shown.
@@ -12,7 +12,8 @@ const MIDDLE_GREY: f32 = 0.18;
 pub enum Exposure {
     /// By this many stops brighter than the radiance.
     Stops(f32),
-    /// So that the geometric mean of the luminance of all pixels that are not black is middle grey (0.18).
+    /// So that the mean lightness of all pixels that are not black is middle grey's (0.18). Lightness is the cube root
+    /// of luminance, as in CIE L*: neither dark corners nor lamps decide alone.
     Auto,
 }
 
@@ -91,8 +92,8 @@ impl Look {
 /// Brightness of a picture, for automatic exposure. Those of its parts add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Light {
-    /// The sum of the binary logarithms of the luminances of all pixels that are not black.
-    pub logarithms: f64,
+    /// The sum of the cube roots of the luminances of all pixels that are not black.
+    pub lightness: f64,
     /// The number of these pixels.
     pub pixels: u32,
 }
@@ -103,13 +104,13 @@ impl Light {
         let luminance =
             |&[r, g, b]: &[f32; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
         let lit = image.pixels.iter().map(luminance).filter(|&light| light > 0.0 && light.is_finite());
-        lit.fold(Self::default(), |sum, light| sum.and(Self { logarithms: libm::log2(light), pixels: 1 }))
+        lit.fold(Self::default(), |sum, light| sum.and(Self { lightness: libm::cbrt(light), pixels: 1 }))
     }
 
     /// Of two parts together.
     pub fn and(self, other: Self) -> Self {
         let pixels = self.pixels.saturating_add(other.pixels);
-        Self { logarithms: self.logarithms + other.logarithms, pixels }
+        Self { lightness: self.lightness + other.lightness, pixels }
     }
 
     /// The stops of automatic exposure ([`Exposure::Auto`]), rounded to a hundredth.
@@ -117,7 +118,8 @@ impl Light {
         if self.pixels == 0 {
             return 0.0;
         }
-        let stops = f64::from(libm::log2f(MIDDLE_GREY)) - self.logarithms / f64::from(self.pixels);
+        let mean = libm::log2(self.lightness / f64::from(self.pixels));
+        let stops = f64::from(libm::log2f(MIDDLE_GREY)) - 3.0 * mean;
         (libm::round(stops * 100.0) / 100.0) as f32
     }
 }
@@ -207,6 +209,20 @@ mod tests {
         }
         assert_eq!(look.stops(&grey(0.0)), 0.0, "a black picture is left alone");
         assert_eq!(look.stops(&grey(f32::NAN)), 0.0);
+    }
+
+    /// A dark vault around a sunlit floor: the floor is not burnt out.
+    #[test]
+    fn automatic_exposure_keeps_what_is_bright() {
+        let luminances = (0..100).map(|i| if i < 15 { 2.0 } else { 0.004 });
+        let image = Image { width: 100, height: 1, pixels: luminances.map(|light| [light; 3]).collect() };
+        let gain = libm::exp2f(Look::default().with_exposure(Exposure::Auto).stops(&image));
+        assert!((1.0..4.0).contains(&(2.0 * gain)), "the floor has {}", 2.0 * gain);
+        // A lamp in a hundredth of the picture leaves the rest as it is, to a stop.
+        let lit = |lamp: f32| (0..100).map(move |i| if i == 0 { [lamp; 3] } else { [0.18; 3] });
+        let image = |lamp| Image { width: 100, height: 1, pixels: lit(lamp).collect() };
+        let stops = Look::default().with_exposure(Exposure::Auto).stops(&image(1000.0));
+        assert!((-1.0..0.0).contains(&stops), "{stops}");
     }
 
     #[test]

@@ -171,6 +171,18 @@ impl Frames {
     }
 }
 
+impl RenderSpec {
+    /// The sentence about the camera that frames a scene without one; `None` if there is one.
+    pub(super) fn assumed_camera(&self, scene: &Scene) -> Option<&'static str> {
+        let is_posed = self.camera.eye.is_some()
+            || self.optics.world_to_camera.is_some()
+            || self.optics.views.is_some()
+            || self.animation.camera_path.is_some();
+        (scene.camera.is_none() && self.optics.camera.is_none() && !is_posed)
+            .then_some("no camera: one frames the scene in three-quarter view (--eye and --target choose)")
+    }
+}
+
 /// The camera of a still picture.
 fn still_camera(spec: &RenderSpec, scene: &Scene) -> Result<Camera> {
     let own = match &spec.optics.camera {

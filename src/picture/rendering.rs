@@ -80,6 +80,13 @@ impl Rendering {
         self.policy
     }
 
+    /// Choices for what the spec and the scene left open: a light, a camera; one sentence each. The scene and
+    /// the spec alone decide, so it is the same for all frames, views and parts, on every machine.
+    pub fn assumed(&self) -> Vec<&'static str> {
+        let (spec, scene) = (self.spec(), &self.prepared.scene);
+        spec.light.assumed(scene).into_iter().chain(spec.assumed_camera(scene)).collect()
+    }
+
     /// The camera of a frame.
     ///
     /// # Errors

@@ -152,7 +152,6 @@ fn wrong_lines_are_named() {
         ("f 1 2 -4", &["line 5", "vertex -4", "-3"]),
         ("f 1/1 2/1 3/1", &["line 5", "texture coordinate 1", "none is defined"]),
         ("f 1//7 2//7 3//7", &["line 5", "normal 7"]),
-        ("f 1 2", &["line 5", "2 corners"]),
         ("f 1 2 x", &["line 5", "\"x\""]),
         ("f 1 2 3/", &[]),
         ("f 1 2 /3", &["line 5", "\"/3\""]),
@@ -196,4 +195,16 @@ fn objects_and_groups_own_their_faces_even_when_opened_again() {
     assert_eq!(owners, ["default", "house", "house", roof, "tree", roof, "house"]);
     assert_eq!(scene.objects.len(), 4, "no object for groups without faces");
     assert!(scene.objects.iter().all(|object| object.instance.is_none()));
+}
+
+#[test]
+fn faces_of_two_corners_are_left_out_and_counted() {
+    let folder = Folder::new();
+    folder.write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\nf 3\nf 3 2 1\n");
+    let scene = folder.scene("a.obj");
+    assert_eq!(scene.mesh.triangles.len(), 2);
+    assert!(warns(&scene, &["2 faces", "left out", "line 5"]), "{:?}", scene.warnings);
+    folder.write("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n");
+    let message = folder.message("a.obj");
+    assert!(message.contains("no triangles") && message.contains("line 3"), "{message}");
 }

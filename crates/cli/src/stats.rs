@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result};
 use raystream::meters::Spread;
+use raystream::picture::Rendering;
 use raystream::render::NoiseReport;
 use raystream::schedule::{self, Depths, DeviceWaits, JobReport, Latency, ThreadKind, ThreadReport};
 use serde::Serialize;
@@ -181,6 +182,20 @@ pub struct SceneStats {
     pub triangles: usize,
     /// Materials.
     pub materials: usize,
+    /// Choices for what the scene and the options left open, one sentence each.
+    pub assumed: Vec<&'static str>,
+}
+
+impl SceneStats {
+    /// Of a rendering's scene.
+    pub fn of(rendering: &Rendering) -> Self {
+        let scene = &rendering.prepared().scene;
+        Self {
+            triangles: scene.mesh.triangles.len(),
+            materials: scene.materials.len(),
+            assumed: rendering.assumed(),
+        }
+    }
 }
 
 /// A picture.

@@ -1,6 +1,6 @@
 //! PNG: what the look shows, straight alpha, metadata as texts.
 
-use super::super::{Exposure, Image, Look, Picture};
+use super::super::{Exposure, Image, Look, Picture, Region, View};
 use super::PngBits;
 use super::metadata::{SOFTWARE, name_in_file};
 use png::ColorType;
@@ -49,17 +49,44 @@ pub fn samples(picture: &Picture, look: &Look, bits: PngBits) -> Vec<u8> {
     const AT_ONCE: usize = 4096;
     let straight = straight(picture);
     let shown = measured(look, &picture.image).encoder(&straight);
+    // Raw values are numbers, and 16 bits show no steps.
+    let is_dithered = bits == PngBits::Eight && look.view() != View::Raw;
+    let corner = corner(picture);
+    let width = picture.image.width;
     let parts = straight.pixels.par_chunks(AT_ONCE).enumerate().map(|(part, pixels)| {
         let mut bytes = Vec::new();
-        for (at, &pixel) in pixels.iter().enumerate() {
-            shown(pixel).into_iter().for_each(|value| push(&mut bytes, value, bits));
+        for (at, &pixel) in (part * AT_ONCE..).zip(pixels) {
+            let place = [at as u32 % width + corner[0], at as u32 / width + corner[1]];
+            match is_dithered {
+                true => bytes.extend(shown(pixel).map(|value| dithered(value, place))),
+                false => shown(pixel).into_iter().for_each(|value| push(&mut bytes, value, bits)),
+            }
             if let Some(alpha) = &picture.alpha {
-                push(&mut bytes, alpha[part * AT_ONCE + at].clamp(0.0, 1.0), bits);
+                push(&mut bytes, alpha[at].clamp(0.0, 1.0), bits);
             }
         }
         bytes
     });
     parts.collect::<Vec<_>>().concat()
+}
+
+/// A channel of 0..=1 in 8 bits: rounded up or down by a fixed pattern, so that smooth gradients have no steps. The
+/// pattern is the plastic number's sequence in both directions, folded, as a threshold (M. Roberts 2018, *The
+/// unreasonable effectiveness of quasirandom sequences*). A value that 8 bits hold stays as it is.
+fn dithered(value: f32, [x, y]: [u32; 2]) -> u8 {
+    /// The fractions 0.7548776662 and 0.5698402910, of 2³².
+    const STEPS: [u32; 2] = [0xc13f_a9a9, 0x91e1_0da5];
+    let turn = x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1]));
+    let folded = if turn < 1 << 31 { turn << 1 } else { !turn << 1 };
+    // Away from 0 and 1, so that rounding errors of the value do not move it.
+    let threshold = ((folded >> 9) as f32 + 0.5) * (0.998 / (1 << 23) as f32) + 0.001;
+    (value * 255.0 + threshold) as u8
+}
+
+/// Column and row of the picture's first pixel in the whole that it is a part of.
+fn corner(picture: &Picture) -> [u32; 2] {
+    let region = picture.metadata.get(Picture::REGION).and_then(|text| text.parse::<Region>().ok());
+    region.map_or([0; 2], |region| [region.x, region.y])
 }
 
 /// The look with the exposure that it gives to this image: automatic exposure looks at the picture as it is.

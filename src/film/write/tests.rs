@@ -248,14 +248,48 @@ fn png_has_straight_alpha_and_metadata() {
 fn srgb_is_exposed_cut_and_rounded() {
     let picture = Picture::new(Image { width: 1, height: 1, pixels: vec![[0.25, 9.0, f32::NAN]] });
     let look = Look::default().with_view(View::Standard);
-    let bytes = |look: &Look| png::samples(&picture, look, PngBits::Eight);
-    assert_eq!(bytes(&look), [137, 255, 0]);
-    assert_eq!(bytes(&look.with_exposure(Exposure::Stops(2.0)))[0], 255);
+    let bytes = |look: &Look| png::samples(&picture, look, PngBits::Sixteen);
+    assert_eq!(bytes(&look), [0x89, 0x18, 255, 255, 0, 0]);
+    assert_eq!(bytes(&look.with_exposure(Exposure::Stops(2.0)))[..2], [255, 255]);
+}
+
+/// A dark gradient has its mean in every small square, and a part has the pixels of the whole.
+#[test]
+fn eight_bits_are_dithered() {
+    let pixels = (0..64 * 64).map(|i| [0.03 + 0.00001 * (i % 64) as f32; 3]).collect();
+    let mut picture = Picture::new(Image { width: 64, height: 64, pixels });
+    let look = Look::default().with_view(View::Standard);
+    let shown = png::samples(&picture, &look, PngBits::Eight);
+    let exact: Vec<f32> = look.encode(&picture.image).map(|value| 255.0 * value).collect();
+    for corner in (0..8 * 8).map(|i| (i / 8) * 8 * 64 + (i % 8) * 8) {
+        let square = (0..8 * 8).map(|i| 3 * (corner + (i / 8) * 64 + i % 8));
+        let (mut found, mut wanted) = (0.0, 0.0);
+        for at in square {
+            found += f32::from(shown[at]) / 64.0;
+            wanted += exact[at] / 64.0;
+            assert!((f32::from(shown[at]) - exact[at]).abs() < 1.0);
+        }
+        assert!((found - wanted).abs() < 0.15, "{found} {wanted}");
+    }
+    assert!(shown.iter().any(|&value| value != shown[0]));
+    let part = Region { x: 9, y: 5, width: 20, height: 7 };
+    picture.image = Image { width: 20, height: 7, pixels: part.crop(&picture.image.pixels, 64, 1) };
+    picture.metadata.insert(Picture::REGION.into(), part.to_string());
+    assert_eq!(png::samples(&picture, &look, PngBits::Eight), part.crop(&shown, 64, 3));
+    // What 8 bits hold, and raw values, stay as they are.
+    let exact =
+        Image { width: 256, height: 3, pixels: (0..768).map(|i| [(i % 256) as f32 / 255.0; 3]).collect() };
+    let raw = png::samples(&Picture::new(exact), &look.with_view(View::Raw), PngBits::Eight);
+    assert!(raw.chunks(3).enumerate().all(|(i, pixel)| pixel == [(i % 256) as u8; 3]));
+    let grey = Image { width: 9, height: 1, pixels: vec![[0.0; 3], [1.0; 3], [7.0; 3]].repeat(3) };
+    let shown = png::samples(&Picture::new(grey), &look, PngBits::Eight);
+    assert_eq!(shown, [[0; 3], [255; 3], [255; 3]].concat().repeat(3));
 }
 
 #[test]
 fn failed_writes_return_errors() {
     let folder = tempfile::tempdir().expect("folder");
+    std::fs::write(folder.path().join("none"), "").expect("a file, no folder");
     let missing = folder.path().join("none/a.png");
     assert!(matches!(write_image(&missing, &image(), &Look::default()), Err(WriteError::NotWritten(_))));
     assert!(matches!(

@@ -3,7 +3,7 @@
 use super::form::{self, Form};
 use super::option::spec_group;
 use crate::scene::load::{self, LoadOptions};
-use crate::scene::{Environment, Scene};
+use crate::scene::{Environment, EnvironmentMap, Scene};
 use anyhow::{Result, bail};
 use glam::Vec3;
 use std::path::Path;
@@ -11,23 +11,35 @@ use std::path::Path;
 spec_group! {
     /// Light besides the scene's own.
     pub struct LightSpec {
-        /// Environment: an equirectangular .hdr or .exr file, or a constant R,G,B
-        /// [default: the scene's; 1,1,1 if the scene has no light].
-        maybe "env" env: form::Text, "FILE|R,G,B";
+        /// Environment: an equirectangular .hdr or .exr file, a constant R,G,B, or `studio`
+        /// [default: the scene's; studio if no light of the scene reaches what is seen].
+        maybe "env" env: form::Text, "FILE|R,G,B|studio";
         /// Rotate the environment map around the vertical axis.
         one "env-rotation" env_rotation: form::Angle = 0.0, "DEG";
     }
 }
 
+/// The built-in sky, by name.
+const STUDIO: &str = "studio";
+
 impl LightSpec {
     /// The environment's file, if the options name one.
     pub fn env_file(&self) -> Option<&Path> {
-        self.env.as_deref().filter(|text| !is_list_of_numbers(text)).map(Path::new)
+        let text = self.env.as_deref();
+        text.filter(|text| *text != STUDIO && !is_list_of_numbers(text)).map(Path::new)
     }
 
-    /// Sets the environment that the options name, or a white one if the scene would have no light.
+    /// The sentence about the light that [`LightSpec::apply_environment`] assumed; `None` if it assumed none.
+    pub fn assumed(&self, scene: &Scene) -> Option<&'static str> {
+        let is_studio = matches!(&scene.environment, Environment::Map(map) if map.is_studio());
+        (self.env.is_none() && is_studio).then_some("no light: a studio sky lights the scene (--env chooses)")
+    }
+
+    /// Sets the environment that the options name, or the studio if the scene would have no light. That is decided by
+    /// the scene alone.
     pub fn apply_environment(&self, scene: &mut Scene, options: &LoadOptions) -> Result<()> {
         match &self.env {
+            Some(text) if text == STUDIO => scene.environment = self.studio(),
             Some(text) => {
                 scene.environment = match form::Vector::read(text) {
                     Ok(radiance) if radiance.cmpge(Vec3::ZERO).all() => Environment::Constant(radiance),
@@ -40,13 +52,14 @@ impl LightSpec {
                     }
                 };
             }
-            None if is_dark(scene) => {
-                log::warn!("the scene has no light; using a white environment (choose one with --env)");
-                scene.environment = Environment::Constant(Vec3::ONE);
-            }
+            None if is_dark(scene) => scene.environment = self.studio(),
             None => {}
         }
         Ok(())
+    }
+
+    fn studio(&self) -> Environment {
+        Environment::Map(EnvironmentMap { rotation_degrees: self.env_rotation, ..EnvironmentMap::studio() })
     }
 }
 
@@ -56,9 +69,7 @@ fn is_list_of_numbers(text: &str) -> bool {
 }
 
 fn is_dark(scene: &Scene) -> bool {
-    let emission = |material: &u32| scene.materials[*material as usize].emission;
-    let emits = |material: &u32| emission(material).is_some_and(|emission| emission.is_light);
     matches!(scene.environment, Environment::Constant(Vec3::ZERO))
         && scene.lights.is_empty()
-        && !scene.mesh.materials.iter().any(emits)
+        && !scene.is_lit_by_surfaces()
 }

@@ -15,7 +15,7 @@ pub use projection::{Distortion, Intrinsics, Projection};
 pub(crate) use lens::Pinhole;
 
 use crate::geom::{Aabb, MAX_COORDINATE};
-use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
+use glam::{BVec3, DMat3, DMat4, DVec3, Vec2, Vec3};
 
 /// A camera: a pose, a projection, and optionally a lens with an aperture.
 ///
@@ -181,15 +181,28 @@ impl Camera {
         Self { eye: other.eye, target: other.target, up: other.up, ..self }
     }
 
-    /// A camera that sees all of `bounds` from the front, right and above, in a picture with the given aspect ratio
-    /// (width / height).
+    /// A camera that sees all of `bounds` in three-quarter view, from the front, right and above, as large as a picture
+    /// with the given aspect ratio (width / height) allows. What is flat, as a ground is, is seen from further above.
     pub fn framing(bounds: &Aabb, aspect: f32) -> Self {
+        /// Share of the picture's width or height that is filled.
+        const FILLED: f32 = 0.9;
         let fov_degrees = 40.0;
-        let half = libm::tanf(0.5 * f32::to_radians(fov_degrees)) * aspect.min(1.0);
-        let radius = bounds.radius().max(1e-6);
-        let distance = radius * (1.0 + half * half).sqrt() / half;
-        let away = Vec3::new(0.45, 0.35, 1.0).normalize();
-        Self::new(bounds.centre() + away * distance, bounds.centre()).with_fov(fov_degrees)
+        let tangent = FILLED * libm::tanf(0.5 * f32::to_radians(fov_degrees));
+        let [half, centre] = [0.5 * (bounds.max - bounds.min), bounds.centre()];
+        let is_flat = half.y < 0.3 * half.x.max(half.z);
+        let away = if is_flat { Vec3::new(0.5, 0.6, 0.75) } else { Vec3::new(0.55, 0.33, 0.8) }.normalize();
+        let right = Vec3::Y.cross(away).normalize();
+        let up = away.cross(right);
+        // Corners of the box at the distance of the eye that each of them needs.
+        let mut distance = 0.0_f32;
+        for corner in 0..8 {
+            let side = Vec3::select(BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0), half, -half);
+            let aside = (side.dot(right).abs() / aspect).max(side.dot(up).abs());
+            distance = distance.max(side.dot(away) + aside / tangent);
+        }
+        // In front of everything, however thin it is.
+        let distance = distance.max(half.dot(away.abs()) + 1e-2 * bounds.radius()).max(1e-6);
+        Self::new(centre + away * distance, centre).with_fov(fov_degrees)
     }
 
     /// This camera with +y up where it sees all of `bounds` in a picture of `width` × `height` pixels, in the direction

@@ -1,6 +1,6 @@
 // Makes the Draco streams of this folder with the encoder of the package draco3dgltf: `node make.mjs`.
 //
-// A grid of 5 x 4 vertices, x and y in steps of 1, z = x * y / 8; normals (0, 0, 1), texture coordinates (x / 4, y / 3),
+// A grid of 5 x 4 vertices, x and y in steps of 1, z = x * y / 8; normals (0, 0, 1), texture coordinates (x/4, y/3),
 // colours (60 x, 80 y, 7, 255) in bytes. Attributes 0 to 3 in this order. 24 triangles.
 import draco3d from "draco3dgltf";
 import { writeFileSync } from "node:fs";

@@ -87,7 +87,7 @@ pub fn run(
     write_timeline(args, setup, &totals, recorder)?;
     done.sort_by_key(|frame| frame.frame);
     insist(|| transforms::write_transforms(args, animation, &done))?;
-    let stats = summarise(args, setup, settings, &mut totals, (done, splats));
+    let stats = summarise(args, setup, rendering, settings, &mut totals, (done, splats));
     report(args, animation, &stats, &totals.events)
 }
 
@@ -169,15 +169,15 @@ fn report(args: &RenderArgs, animation: &Animation, stats: &FramesStats, events:
 fn summarise(
     args: &RenderArgs,
     setup: &Setup,
+    rendering: &Rendering,
     settings: &Settings,
     totals: &mut Totals,
     (frames, splats): (Vec<FrameStats>, Splats),
 ) -> FramesStats {
     let micros = (totals.wall_s() * 1e6).max(f64::MIN_POSITIVE);
-    let scene = &setup.prepared.scene;
     FramesStats {
         schema: SCHEMA,
-        scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
+        scene: SceneStats::of(rendering),
         width: settings.width,
         height: settings.height,
         spp: settings.spp,

@@ -82,7 +82,7 @@ pub fn run(
         write: started.elapsed().as_secs_f64(),
     };
     let image = image_stats(args, &frame, &picture);
-    let stats = summarise(setup, &frame, &film, image, seconds, &mut totals);
+    let stats = summarise(setup, rendering, &frame, &film, image, seconds, &mut totals);
     if let Some(path) = &args.timeline {
         totals.timeline(setup, recorded).write(path)?;
     }
@@ -200,6 +200,7 @@ fn save_last(
 
 fn summarise(
     setup: &Setup,
+    rendering: &Rendering,
     frame: &Progressive<AnyIntegrator>,
     film: &Film,
     image: ImageStats,
@@ -207,10 +208,9 @@ fn summarise(
     totals: &mut Totals,
 ) -> RenderStats {
     let micros = seconds.render * 1e6;
-    let scene = &setup.prepared.scene;
     RenderStats {
         schema: SCHEMA,
-        scene: SceneStats { triangles: scene.mesh.triangles.len(), materials: scene.materials.len() },
+        scene: SceneStats::of(rendering),
         image,
         seconds,
         rays: totals.rays.into(),

@@ -181,6 +181,7 @@ fn parts_that_do_not_fit_together_are_refused() {
 #[test]
 fn parts_that_make_no_sense_are_refused() {
     let folder = folder();
+    std::fs::write(folder.path().join("none"), "a file, no folder").expect("file");
     let scene = shipped("cornell.json");
     for (more, says) in [
         (&["--region", "0,0,45,36"][..], "the picture has samples 0..6 of the region 0,0,44,36"),

@@ -232,6 +232,7 @@ fn a_frame_ends_when_it_is_asked_to() {
 #[test]
 fn ends_that_make_no_sense_are_refused() {
     let folder = folder();
+    std::fs::write(folder.path().join("none"), "a file, no folder").expect("file");
     for (more, says) in [
         (&["--noise", "0"][..], "between 0 and 1"),
         (&["--noise", "nan"], "between 0 and 1"),

@@ -110,8 +110,8 @@ impl SharedFrame {
     pub fn put(&mut self, tile: Tile) {
         let slot = self.slots.iter_mut().find(|slot| slot.rows == tile.rows && slot.content.is_none());
         if let Some(slot) = slot {
-            let (logarithms, pixels) = tile.light;
-            self.light = self.light.and(Light { logarithms, pixels });
+            let (lightness, pixels) = tile.light;
+            self.light = self.light.and(Light { lightness, pixels });
             slot.content = Some(Rows::Jpeg(tile.jpeg));
         }
     }

@@ -122,6 +122,6 @@ impl TileScene {
         let jpeg = Arc::new(jpeg_of(&image, &look)?);
         let seconds = began.elapsed().as_secs_f64();
         let rows = ask.rows.clone();
-        Ok(Some(Tile { rows, light: (light.logarithms, light.pixels), seconds, jpeg }))
+        Ok(Some(Tile { rows, light: (light.lightness, light.pixels), seconds, jpeg }))
     }
 }

@@ -111,7 +111,7 @@ impl<'a> Stream<'a> {
         let limits = DecodeLimits::default()
             .with_max_points(self.points)
             .with_max_faces(self.faces)
-            // Attributes of which the file says nothing are decoded as well.
+            // Attributes that the file does not name are decoded as well.
             .with_max_decoded_bytes(self.bytes.saturating_mul(2).saturating_add(1 << 20));
         let mut mesh = Mesh::new();
         let mut buffer = DecoderBuffer::new(self.source).with_limits(limits);

@@ -58,6 +58,8 @@ struct Reader {
     /// The number of the current line.
     line: usize,
     dropped: Dropped,
+    /// The number of faces of fewer than three corners, and the line of the first.
+    short: (usize, usize),
     positions: Vec<Vec3>,
     /// Colours of the positions up to the last coloured one. Those without a colour are white.
     colours: Vec<Vec4>,
@@ -143,6 +145,11 @@ impl Reader {
             let corner = self.corner(word)?;
             self.corners.push(corner);
         }
+        if self.corners.len() < 3 {
+            let (faces, first) = self.short;
+            self.short = (faces + 1, if faces == 0 { self.line } else { first });
+            return Ok(());
+        }
         let corners = self.corners.iter().map(|corner| self.positions[corner.position as usize]);
         if self.dropped.drops(corners) {
             return Ok(());
@@ -150,9 +157,6 @@ impl Reader {
         for place in 0..self.corners.len() {
             let vertex = self.vertex(self.corners[place])?;
             self.face.push(vertex);
-        }
-        if self.face.len() < 3 {
-            return Err(format!("a face of {} corners; it needs at least 3", self.face.len()));
         }
         let material = match self.material {
             Some(material) => material,
@@ -235,6 +239,11 @@ impl Reader {
 
     fn finish(mut self, warnings: &mut Warnings) -> Geometry {
         self.dropped.finish(&mut self.out.mesh.positions, warnings);
+        if let (faces @ 1.., first) = self.short {
+            warnings.add(format!(
+                "A face needs at least 3 corners: {faces} faces have fewer and are left out, the first in line {first}."
+            ));
+        }
         let [uvs, normals] = self.has;
         if !uvs {
             self.out.mesh.uvs = Vec::new();

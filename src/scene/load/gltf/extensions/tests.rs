@@ -109,32 +109,7 @@ fn example(name: &str) -> Document {
             let translations = document.floats("VEC3", &[1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
             ("/nodes/0", json!({ "attributes": { "TRANSLATION": translations } }))
         }
-        "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-            let corners = [0.0_f32, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 3.0, 0.0];
-            let mut workspace = Workspace::default();
-            let encoding = VertexEncoding::new(0, 0).expect("version 0");
-            let stream = bytemuck::cast_slice(&corners);
-            let stream = codec::encode_vertex_buffer(stream, 3, 12, encoding, &mut workspace);
-            let stream = stream.expect("a vertex buffer");
-            let at = document.view(&stream);
-            let offset = document.json["bufferViews"][at]["byteOffset"].clone();
-            let body = json!({ "buffer": 0, "byteOffset": offset, "byteLength": stream.len(), "byteStride": 12,
-                "count": 3, "mode": "ATTRIBUTES" });
-            ("/bufferViews/0", body)
-        }
         "EXT_texture_webp" => ("/textures/0", json!({ "source": 1 })),
-        "KHR_draco_mesh_compression" => {
-            let view = document.view(include_bytes!("../../../../../tests/load/samples/edgebreaker.drc"));
-            let mut accessor = |kind: &str, component: u32, count: usize| {
-                let body = json!({ "componentType": component, "type": kind, "count": count });
-                document.push("accessors", body)
-            };
-            let (positions, indices) = (accessor("VEC3", 5126, 20), accessor("SCALAR", 5123, 72));
-            let primitive = &mut document.json["meshes"][0]["primitives"][0];
-            primitive["attributes"] = json!({ "POSITION": positions });
-            primitive["indices"] = json!(indices);
-            ("/meshes/0/primitives/0", json!({ "bufferView": view, "attributes": { "POSITION": 0 } }))
-        }
         "KHR_lights_punctual" => {
             document.extend("", name, json!({ "lights": [{ "type": "point" }] }));
             ("/nodes/0", json!({ "light": 0 }))
@@ -173,18 +148,50 @@ fn example(name: &str) -> Document {
             return document;
         }
         "KHR_node_visibility" => ("/nodes/1", json!({ "visible": false })),
+        "KHR_texture_transform" => {
+            ("/materials/0/pbrMetallicRoughness/baseColorTexture", json!({ "offset": [0.5, 0.0] }))
+        }
+        _ => compressed(name, &mut document),
+    };
+    document.extend(place, name, body);
+    document
+}
+
+/// The place and the body of an extension that compresses, and what they need.
+fn compressed(name: &str, document: &mut Document) -> (&'static str, Value) {
+    match name {
+        "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
+            let corners = [0.0_f32, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 3.0, 0.0];
+            let mut workspace = Workspace::default();
+            let encoding = VertexEncoding::new(0, 0).expect("version 0");
+            let stream = bytemuck::cast_slice(&corners);
+            let stream = codec::encode_vertex_buffer(stream, 3, 12, encoding, &mut workspace);
+            let stream = stream.expect("a vertex buffer");
+            let at = document.view(&stream);
+            let offset = document.json["bufferViews"][at]["byteOffset"].clone();
+            let body = json!({ "buffer": 0, "byteOffset": offset, "byteLength": stream.len(), "byteStride": 12,
+                "count": 3, "mode": "ATTRIBUTES" });
+            ("/bufferViews/0", body)
+        }
+        "KHR_draco_mesh_compression" => {
+            let view = document.view(include_bytes!("../../../../../tests/load/samples/edgebreaker.drc"));
+            let mut accessor = |kind: &str, component: u32, count: usize| {
+                let body = json!({ "componentType": component, "type": kind, "count": count });
+                document.push("accessors", body)
+            };
+            let (positions, indices) = (accessor("VEC3", 5126, 20), accessor("SCALAR", 5123, 72));
+            let primitive = &mut document.json["meshes"][0]["primitives"][0];
+            primitive["attributes"] = json!({ "POSITION": positions });
+            primitive["indices"] = json!(indices);
+            ("/meshes/0/primitives/0", json!({ "bufferView": view, "attributes": { "POSITION": 0 } }))
+        }
         "KHR_texture_basisu" => {
             let view = document.view(include_bytes!("../../../../../tests/load/samples/etc1s.ktx2"));
             let image = document.push("images", json!({ "bufferView": view, "mimeType": "image/ktx2" }));
             ("/textures/0", json!({ "source": image }))
         }
-        "KHR_texture_transform" => {
-            ("/materials/0/pbrMetallicRoughness/baseColorTexture", json!({ "offset": [0.5, 0.0] }))
-        }
         _ => panic!("show here what {name} looks like in a file"),
-    };
-    document.extend(place, name, body);
-    document
+    }
 }
 
 /// A document that uses an extension without saying anything by it.
