@@ -75,6 +75,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         checked.check_frames(scene)
     })?;
     let rendering = checked.rendering(setup.prepared.clone())?.with_policy(setup.policy);
+    let rendering = rendering.with_threads(setup.service.host_threads());
     ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
     if args.spec.has_several() {
         let animation = Animation::new(args, &rendering)?;
