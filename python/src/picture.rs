@@ -144,9 +144,10 @@ impl Picture {
         Threads::all()?.run(py, write).map_err(|error| raised(&error.into()))
     }
 
-    /// The picture hash, 16 hexadecimal digits: that which `raystream render` prints for the same spec.
+    /// The picture hash, 16 hexadecimal digits: that which `raystream render` prints for the same spec. With `denoise`
+    /// it is that of the picture before its noise was removed; `metadata` has the other as `denoised_hash`.
     fn hash(&self) -> String {
-        self.frame.picture.image.hash()
+        self.frame.picture.hash()
     }
 
     /// The hash of each layer by name.

@@ -1,6 +1,7 @@
 //! Layers: data of a picture besides its radiance, such as depth, normals and masks.
 
 use super::Image;
+use super::denoise::DENOISER_VERSION;
 use bytemuck::NoUninit;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::Xxh3;
@@ -9,8 +10,10 @@ use xxhash_rust::xxh3::Xxh3;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Picture {
-    /// Radiance.
+    /// Radiance: what files show.
     pub image: Image,
+    /// Radiance before noise was removed from `image`, if it was.
+    pub noisy: Option<Image>,
     /// Share of each pixel's samples that hit something, 0 to 1, if asked for. Radiance is premultiplied by it.
     pub alpha: Option<Vec<f32>>,
     /// The layers, in the order in which they were asked for.
@@ -35,7 +38,25 @@ impl Picture {
 
     /// A picture without alpha, layers and metadata.
     pub fn new(image: Image) -> Self {
-        Self { image, alpha: None, layers: Vec::new(), metadata: BTreeMap::new() }
+        Self { image, noisy: None, alpha: None, layers: Vec::new(), metadata: BTreeMap::new() }
+    }
+
+    /// The picture hash: [`Image::hash`] of the radiance, before noise was removed from it.
+    pub fn hash(&self) -> String {
+        self.noisy.as_ref().unwrap_or(&self.image).hash()
+    }
+
+    /// [`Image::hash`] of the radiance from which noise was removed, if it was.
+    pub fn denoised_hash(&self) -> Option<String> {
+        self.noisy.as_ref().map(|_| self.image.hash())
+    }
+
+    /// Facts about a picture from which noise was removed, by name: `denoiser`, which is this program's with its
+    /// version, and `denoised_hash`.
+    pub fn denoising_facts(&self) -> [(&'static str, Option<String>); 2] {
+        let hash = self.denoised_hash();
+        let denoiser = hash.as_ref().map(|_| format!("raystream {DENOISER_VERSION}"));
+        [("denoiser", denoiser), ("denoised_hash", hash)]
     }
 
     /// The hash of each layer by name, `alpha` included: XXH3 (64 bits) of the picture's size and of the layer's bytes,

@@ -225,12 +225,17 @@ impl Film {
         self.layers.as_ref().expect("the film has layers")
     }
 
-    /// Adds the numbers of hits to the sums of their pixels, and counts the hits. `columns` are the entries of
-    /// [`LayerPlan::sums`], one number in fixed point for each of `pixels`.
+    /// Adds the numbers of hits to the sums of their pixels, from the entry `first` of [`LayerPlan::sums`] on, and
+    /// counts the hits if `counts`. `columns` have one number in fixed point for each of `pixels`.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub(crate) fn add_hits<const N: usize>(&self, pixels: &[u32], columns: &[[i64; N]]) {
+    pub(crate) fn add_hits<const N: usize>(
+        &self,
+        pixels: &[u32],
+        (first, columns): (usize, &[[i64; N]]),
+        counts: bool,
+    ) {
         let layers = self.held();
-        assert_eq!(columns.len(), layers.plan.sums.len(), "one column for each sum");
+        let all = layers.plan.sums.len();
         let mut start = 0;
         while start < pixels.len() {
             let pixel = pixels[start];
@@ -239,7 +244,7 @@ impl Film {
                 end += 1;
             }
             let _stripe: Stripe<'_> = self.lock(pixel);
-            let sums = &layers.sums[pixel as usize * columns.len()..][..columns.len()];
+            let sums = &layers.sums[pixel as usize * all..][..all][first..][..columns.len()];
             // Of a fixed length: in lanes.
             let mask: [i64; N] = from_index(|i| -i64::from((start..end).contains(&i)));
             for_pairs(sums, columns, |sum, column| {
@@ -249,7 +254,7 @@ impl Film {
                 }
                 sum.store(sum.load(Relaxed) + more, Relaxed);
             });
-            if layers.plan.hits {
+            if counts && layers.plan.hits {
                 let hits = &layers.hits[pixel as usize];
                 hits.store(hits.load(Relaxed) + (end - start) as u32, Relaxed);
             }
@@ -333,6 +338,19 @@ impl Film {
             let difference = difference / self.scale();
             (difference * difference * (a * b / ((a + b) * (a + b)))) as f32
         })
+    }
+
+    /// The means of a pixel's two halves, 0 for one without samples, and their numbers of samples. Needs
+    /// [`LayerPlan::halves`].
+    pub(crate) fn half_means(&self, pixel: usize) -> ([[f64; 3]; 2], [u32; 2]) {
+        let LayerSums { half, half_samples, .. } = self.held();
+        let (sums, all) = self.sums_of(pixel);
+        let own = half[pixel].each_ref().map(|sum| sum.load(Relaxed));
+        let count = half_samples[pixel].load(Relaxed);
+        let rest = all.saturating_sub(count);
+        let mean = |sum: i64, count: u32| sum as f64 / (self.scale() * f64::from(count.max(1)));
+        let first = std::array::from_fn(|channel| mean(sums[channel] - own[channel], rest));
+        ([first, own.map(|sum| mean(sum, count))], [rest, count])
     }
 
     pub(super) fn add_layers(&self, other: &Self) {

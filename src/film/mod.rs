@@ -2,6 +2,7 @@
 
 mod accumulation;
 mod coverage_counts;
+mod denoise;
 mod image;
 mod kind;
 mod layer;
@@ -24,6 +25,7 @@ mod write;
 
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, FilmError, MAX_RADIANCE};
+pub use denoise::{DENOISER_VERSION, NoisyPicture};
 pub use image::Image;
 pub use kind::FilmKind;
 pub use layer::{Coverage, Layer, LayerValues, Picture};

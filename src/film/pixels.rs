@@ -120,7 +120,7 @@ mod tests {
             film.splat(pixel | Film::HALF, Vec3::splat(value));
             film.add_samples(pixel, 2);
             film.add_half_samples(pixel, 1);
-            film.add_hits::<1>(&[pixel], &[[i64::from(pixel)], [7]]);
+            film.add_hits::<1>(&[pixel], (0, &[[i64::from(pixel)], [7]]), true);
             film.count_ids(0, &[pixel, pixel], &[pixel % 5, seed]);
             film.set_centre(pixel, None);
         }

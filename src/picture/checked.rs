@@ -5,7 +5,7 @@ use super::shaders::{self, Shaders};
 use super::spec::RenderSpec;
 use super::{Frames, Registry, Rendering};
 use crate::engine::PreparedScene;
-use crate::film::Film;
+use crate::film::{Film, NoisyPicture};
 use crate::memory::MemoryBudget;
 use crate::render::{AovSet, PASSES_IN_FLIGHT};
 use crate::scene::Scene;
@@ -145,5 +145,7 @@ fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
     let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
     let pixels = u64::from(width) * u64::from(height);
     let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, samples));
-    films.saturating_mul(film).saturating_add((24 + 32 * aovs.iter().count() as u64) * pixels)
+    let denoising = if aovs.is_denoised() { NoisyPicture::denoising_bytes(pixels) } else { 0 };
+    let layers = (24 + 32 * aovs.iter().count() as u64) * pixels;
+    films.saturating_mul(film).saturating_add(layers).saturating_add(denoising)
 }

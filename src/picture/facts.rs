@@ -1,19 +1,19 @@
 //! Facts that picture files hold beside pixels.
 
 use super::Rendering;
-use crate::film::{Image, Picture};
+use crate::film::Picture;
 use crate::render::{PICTURE_VERSION, Settings};
 use crate::scene::{Camera, Distortion};
 use std::collections::BTreeMap;
 
 impl Rendering {
     /// Facts about a picture that its file holds, by the names in `docs/guide/picture-files.md`.
-    pub fn facts(&self, image: &Image, camera: &Camera, mean_spp: f64) -> BTreeMap<String, String> {
+    pub fn facts(&self, picture: &Picture, camera: &Camera, mean_spp: f64) -> BTreeMap<String, String> {
         let (spec, settings) = (self.spec(), self.spec().settings());
         let look = spec.look.look();
         let facts = [
             ("scene_hash", self.prepared().scene_hash().to_owned()),
-            ("picture_hash", image.hash()),
+            ("picture_hash", picture.hash()),
             ("picture_version", PICTURE_VERSION.to_string()),
             ("camera", camera.to_string()),
             ("integrator", self.integrator_name().to_owned()),
@@ -23,8 +23,9 @@ impl Rendering {
             ("seed", settings.seed.to_string()),
             ("filter", spec.sampling.filter.to_string()),
             ("view", look.view().name().to_owned()),
-            ("exposure_stops", look.stops(image).to_string()),
+            ("exposure_stops", look.stops(&picture.image).to_string()),
         ];
+
         let optional = [
             ("indirect_limit", spec.indirect_limit().map(|limit| limit.to_string())),
             ("white_balance", spec.look.white_balance.map(|kelvin| kelvin.to_string())),
@@ -40,7 +41,10 @@ impl Rendering {
                 spec.part.samples.as_ref().map(|samples| format!("{}..{}", samples.start, samples.end)),
             ),
         ];
-        let optional = optional.into_iter().filter_map(|(name, text)| Some((name, text?)));
+        let optional = optional
+            .into_iter()
+            .chain(picture.denoising_facts())
+            .filter_map(|(name, text)| Some((name, text?)));
         facts.into_iter().chain(optional).map(|(name, text)| (name.to_owned(), text)).collect()
     }
 }

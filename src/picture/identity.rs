@@ -1,7 +1,7 @@
 //! What a picture is a function of, with resolved values: what checkpoints, partial films and workers compare.
 
 use super::Rendering;
-use crate::render::{Aov, Identity};
+use crate::render::Identity;
 use crate::scene::{Camera, FINGERPRINT_VERSION};
 
 impl Rendering {
@@ -28,11 +28,15 @@ impl Rendering {
             ("--transparent", aovs.is_transparent().to_string()),
         ];
         let halves = if settings.may_end_early { "in turns" } else { "one after the other" };
-        let halves =
-            aovs.has(Aov::Variance).then(|| ("the order of the halves of --aov variance", halves.into()));
+        let halves = aovs.has_halves().then(|| ("the order of the halves of --aov variance", halves.into()));
+        let denoised = aovs.is_denoised().then(|| ("--denoise", "true".into()));
         let camera = camera.map(|camera| ("the camera", camera.to_string()));
-        let parts =
-            parts.into_iter().chain(halves).chain(camera).map(|(what, value)| (what.to_owned(), value));
+        let parts = parts
+            .into_iter()
+            .chain(halves)
+            .chain(denoised)
+            .chain(camera)
+            .map(|(what, value)| (what.to_owned(), value));
         let options = self.options().iter().map(|(key, value)| (format!("option {key}"), value.to_owned()));
         Identity::new(parts.chain(options))
     }

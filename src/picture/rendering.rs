@@ -24,6 +24,8 @@ pub struct Rendering {
     options: PluginOptions,
     simd: SimdLevel,
     policy: Option<Policy>,
+    /// Threads that denoise pictures.
+    threads: usize,
 }
 
 impl Rendering {
@@ -32,12 +34,22 @@ impl Rendering {
         let registry = checked.registry();
         let options = registry.integrator_options(checked.integrator(), &prepared.scene, checked.own())?;
         let simd = prepared.simd();
-        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None })
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None, threads })
     }
 
     /// The same with a policy of the scheduler. No picture depends on it.
     pub fn with_policy(self, policy: Option<Policy>) -> Self {
         Self { policy, ..self }
+    }
+
+    /// The same with so many threads that denoise a picture, instead of one for each core.
+    pub fn with_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
+    }
+
+    pub(super) fn threads(&self) -> usize {
+        self.threads
     }
 
     /// The spec.
@@ -144,11 +156,19 @@ impl Rendering {
         Ok(frame.expect("nothing stops it").picture)
     }
 
-    /// The picture of a frame so far, with facts about it.
+    /// The picture of a frame so far, denoised if the spec asks for it, with facts about it.
     pub fn developed(&self, frame: &Progressive<AnyIntegrator>, camera: &Camera) -> Picture {
-        let mut picture = frame.develop();
-        picture.metadata = self.facts(&picture.image, camera, mean_samples(frame));
-        picture
+        self.described(frame.develop_denoised(self.threads), frame, camera)
+    }
+
+    /// The picture of a frame so far with its noise, and with facts about it.
+    pub fn developed_noisy(&self, frame: &Progressive<AnyIntegrator>, camera: &Camera) -> Picture {
+        self.described(frame.develop(), frame, camera)
+    }
+
+    fn described(&self, picture: Picture, frame: &Progressive<AnyIntegrator>, camera: &Camera) -> Picture {
+        let metadata = self.facts(&picture, camera, mean_samples(frame));
+        Picture { metadata, ..picture }
     }
 }
 

@@ -180,12 +180,12 @@ impl FrameSum {
         self.gathered.save(&self.identity, to)
     }
 
-    /// The picture of all complete passes.
+    /// The picture of all complete passes, denoised if the spec asks for it.
     pub fn develop(&self) -> Picture {
-        let mut picture = self.gathered.develop();
+        let mut picture = self.gathered.develop_denoised(self.rendering.threads());
         let region = self.gathered.integrator().frame().part().region;
         let mean_spp = self.gathered.film().samples() as f64 / region.area() as f64;
-        picture.metadata = self.rendering.facts(&picture.image, &self.camera, mean_spp);
+        picture.metadata = self.rendering.facts(&picture, &self.camera, mean_spp);
         if let Some((viewer, name)) = &self.viewer {
             viewer.show(name, &picture);
         }

@@ -49,6 +49,9 @@ aovs! {
     CryptoObject "crypto-object" "How many samples show which object.";
     CryptoMaterial "crypto-material" "How many samples show which material.";
     CryptoAsset "crypto-asset" "How many samples show which asset: the topmost object above the one that is hit.";
+    DenoisingAlbedo "denoising-albedo" "Base colour and light, seen through glass and in mirrors; a mean.";
+    DenoisingNormal "denoising-normal" "Shading normal, seen through glass and in mirrors; a mean.";
+    Noisy "noisy" "Radiance before noise was removed from the picture.";
 }
 
 /// Sums over the hits of samples, by the names of their channels in OpenEXR.
@@ -59,7 +62,12 @@ pub(super) const MEANS: &[(Aov, &[&str])] = &[
     (Aov::Albedo, &["R", "G", "B"]),
     (Aov::Uv, &["U", "V"]),
     (Aov::Emission, &["R", "G", "B"]),
+    (Aov::DenoisingAlbedo, &["R", "G", "B"]),
+    (Aov::DenoisingNormal, &["X", "Y", "Z"]),
 ];
+
+/// Number of channels of the features that guide a denoiser, which are the last of [`MEANS`].
+pub(super) const FEATURES: usize = 6;
 
 /// AOVs that count samples by id.
 pub(super) const COUNTS: &[Aov] = &[Aov::CryptoObject, Aov::CryptoMaterial, Aov::CryptoAsset];
@@ -77,6 +85,11 @@ impl Aov {
             self,
             Self::Depth | Self::Z | Self::Object | Self::Material | Self::Instance | Self::Primitive
         )
+    }
+
+    /// True if it guides a denoiser. Films hold all such layers or none.
+    pub const fn is_feature(self) -> bool {
+        matches!(self, Self::DenoisingAlbedo | Self::DenoisingNormal)
     }
 
     /// Its bit in [`AovSet::bits`].
@@ -122,10 +135,11 @@ impl fmt::Display for Aov {
 pub struct AovSet {
     list: Vec<Aov>,
     transparent: bool,
+    denoised: bool,
 }
 
 impl AovSet {
-    pub(super) const NONE: Self = Self { list: Vec::new(), transparent: false };
+    pub(super) const NONE: Self = Self { list: Vec::new(), transparent: false, denoised: false };
 
     /// The same set with another AOV, if it is not in it.
     pub fn with(mut self, aov: Aov) -> Self {
@@ -140,6 +154,32 @@ impl AovSet {
     /// is seen in mirrors and through glass; glass is opaque in alpha.
     pub fn with_transparent(self, transparent: bool) -> Self {
         Self { transparent, ..self }
+    }
+
+    /// The same set with what the picture's denoiser needs: features and the halves of the samples. They are kept with
+    /// the film and are no layers of the picture unless these are asked for.
+    pub fn with_denoised(self, denoised: bool) -> Self {
+        Self { denoised, ..self }
+    }
+
+    /// True if the picture is to be denoised.
+    pub fn is_denoised(&self) -> bool {
+        self.denoised
+    }
+
+    /// True if the film holds an AOV of [`MEANS`].
+    pub(super) fn holds(&self, aov: Aov) -> bool {
+        self.has(aov) || aov.is_feature() && self.has_features()
+    }
+
+    /// True if the film holds the features that guide a denoiser.
+    pub(super) fn has_features(&self) -> bool {
+        self.denoised || self.list.iter().any(|aov| aov.is_feature())
+    }
+
+    /// True if the film holds the halves of the samples.
+    pub fn has_halves(&self) -> bool {
+        self.denoised || self.has(Aov::Variance)
     }
 
     /// True if the set has an AOV.
@@ -159,7 +199,7 @@ impl AovSet {
 
     /// True if nothing is asked for.
     pub fn is_empty(&self) -> bool {
-        self.list.is_empty() && !self.transparent
+        self.list.is_empty() && !self.transparent && !self.denoised
     }
 
     /// The AOVs, in their order.
@@ -189,8 +229,8 @@ impl AovSet {
     }
 
     fn plan_with(&self, samples: u32, bits: impl Fn(Aov) -> i32, ids: impl Fn(Aov) -> u32) -> LayerPlan {
-        let mut plan = LayerPlan { samples, halves: self.has(Aov::Variance), ..LayerPlan::default() };
-        for (aov, channels) in MEANS.iter().filter(|(aov, _)| self.has(*aov)) {
+        let mut plan = LayerPlan { samples, halves: self.has_halves(), ..LayerPlan::default() };
+        for (aov, channels) in MEANS.iter().filter(|(aov, _)| self.holds(*aov)) {
             plan.sums.extend(channels.iter().map(|_| bits(*aov)));
         }
         plan.hits = self.transparent || !plan.sums.is_empty();
@@ -202,9 +242,13 @@ impl AovSet {
     /// Checks that these layers can be made from this many samples a pixel.
     ///
     /// # Errors
-    /// [`AovError::Variance`] for variance of one sample.
+    /// [`AovError::Variance`] for variance of one sample, [`AovError::Denoised`] for a denoised picture of one.
     pub fn check_samples(&self, samples: u32) -> Result<(), AovError> {
-        if self.has(Aov::Variance) && samples < 2 { Err(AovError::Variance) } else { Ok(()) }
+        match samples {
+            0..2 if self.denoised => Err(AovError::Denoised),
+            0..2 if self.has(Aov::Variance) => Err(AovError::Variance),
+            _ => Ok(()),
+        }
     }
 
     /// Checks that a frame's layers can be made.
@@ -266,6 +310,9 @@ pub enum AovError {
         "the AOV variance compares the halves of a pixel's samples, so it needs at least 2 samples per pixel"
     )]
     Variance,
+    /// A denoiser needs two samples.
+    #[error("denoising compares the halves of a pixel's samples, so it needs at least 2 samples per pixel")]
+    Denoised,
     /// Too many ids to count.
     #[error("{0} objects or materials; Cryptomatte layers can count at most {max}", max = 1 << COVERAGE_ID_BITS)]
     Ids(usize),

@@ -9,6 +9,7 @@ use crate::scene::{Material, Objects};
 use crate::schedule::Batch;
 use crate::shade::{Cone, Interaction, base_colour, lookup, material_of, sort};
 use crate::stream::{Hit, Ray};
+use glam::Vec3;
 use std::cell::Cell;
 
 /// The most channels that are averaged.
@@ -158,6 +159,48 @@ impl Frame {
         }
     }
 
+    /// Adds what paths see on a material, weighted by their throughput, to the features that guide a denoiser, if the
+    /// frame has them: the lanes of a mask.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn add_features_on<L: Lanes>(
+        &self,
+        material: u32,
+        at: &Interaction<L>,
+        pixel: Int<L>,
+        throughput: Vector<L>,
+        lanes: Mask<L>,
+    ) {
+        let Some(to) = self.feature_sums() else { return };
+        if lanes.any() {
+            // A copy: `at` stays in registers where no call refers to it.
+            let at = &{ *at };
+            pixel.lanes().outlined(AddFeatures { to, material, at, pixel, throughput, lanes });
+        }
+    }
+
+    /// Adds the weighted radiance that paths see where they leave the scene to the features that guide a denoiser, if
+    /// the frame has them: the lanes of a mask.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn add_sky_features<L: Lanes>(&self, pixel: Int<L>, radiance: Vector<L>, lanes: Mask<L>) {
+        let Some(to) = self.feature_sums() else { return };
+        if lanes.any() {
+            pixel.lanes().outlined(AddSky { to, pixel, radiance, lanes });
+        }
+    }
+
+    #[inline]
+    fn feature_sums(&self) -> Option<FeatureSums<'_>> {
+        let layers = self.layers()?;
+        let first = layers.features?;
+        Some(FeatureSums { frame: self, kinds: &layers.columns[first..], first })
+    }
+
+    /// True if the frame has features that guide a denoiser.
+    #[inline(always)]
+    pub(super) fn has_features(&self) -> bool {
+        self.layers().is_some_and(|layers| layers.features.is_some())
+    }
+
     fn centre_hit(&self, hit: &Hit) -> Option<CentreHit> {
         let Hit { primitive, t, .. } = *hit;
         (!hit.is_miss()).then(|| CentreHit { primitive, t, material: material_of(self.scene(), hit) })
@@ -194,6 +237,7 @@ impl LaneTask for AddHits<'_> {
                 let at =
                     &Interaction::new(scene, &scene.materials[material as usize], direction, &hits, width);
                 l.outlined(AddHit { frame, layers, plan, material, at, pixel, lanes });
+                frame.add_features_on(material, at, pixel, Vector::splat(l, Vec3::ONE), lanes);
             }
         }
     }
@@ -226,6 +270,73 @@ impl<L: Lanes> OutlinedTask<L> for AddHit<'_, '_, L> {
         if !self.plan.coverage.is_empty() {
             self.count(material, at.texture.primitive, lanes, pixels);
         }
+    }
+}
+
+/// Adds features of hits on a material, out of line.
+struct AddFeatures<'a, 'b, L: Lanes> {
+    to: FeatureSums<'a>,
+    /// The material's number.
+    material: u32,
+    at: &'b Interaction<L>,
+    pixel: Int<L>,
+    throughput: Vector<L>,
+    lanes: Mask<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for AddFeatures<'_, '_, L> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) {
+        let Self { to, material, at, pixel, throughput, lanes } = self;
+        let scene = to.frame.scene();
+        let material = &scene.materials[material as usize];
+        let mut colour = base_colour(scene, material, at);
+        if let Some(emission) = &material.emission {
+            colour += lookup::emission(scene, emission, &at.texture, at.front);
+        }
+        to.add(pixel, throughput * colour, at.basis.normal, lanes);
+    }
+}
+
+/// Adds features of rays that leave the scene, out of line.
+struct AddSky<'a, L: Lanes> {
+    to: FeatureSums<'a>,
+    pixel: Int<L>,
+    /// Weighted radiance.
+    radiance: Vector<L>,
+    lanes: Mask<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for AddSky<'_, L> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, l: L) {
+        self.to.add(self.pixel, self.radiance, Vector::zero(l), self.lanes);
+    }
+}
+
+/// The sums of a frame's features, which are the film's last.
+#[derive(Clone, Copy)]
+struct FeatureSums<'a> {
+    frame: &'a Frame,
+    kinds: &'a [Column],
+    first: usize,
+}
+
+impl FeatureSums<'_> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn add<L: Lanes>(&self, pixel: Int<L>, colour: Vector<L>, normal: Vector<L>, lanes: Mask<L>) {
+        let (mut pixels, count) = (L::array(0), lanes.count());
+        pixel.append(lanes, pixels.as_mut());
+        let mut columns =
+            Columns { kinds: self.kinds, lanes, integers: [[0; MAX_LANES]; MAX_SUMS], count: 0 };
+        columns.push_vector(colour.clamp(0.0, 1.0));
+        columns.push_vector(normal);
+        let columns = &columns.integers[..columns.count];
+        self.frame.film().add_hits(&pixels.as_ref()[..count], (self.first, columns), false);
     }
 }
 
@@ -269,7 +380,7 @@ impl<L: Lanes> AddHit<'_, '_, L> {
             }
             columns.push_vector(emitted);
         }
-        self.film().add_hits(pixels, &columns.integers[..columns.count]);
+        self.film().add_hits(pixels, (0, &columns.integers[..columns.count]), true);
     }
 
     /// Counts what the hits show, in the order of [`COUNTS`].

@@ -1,8 +1,9 @@
 //! The layers that a frame is asked for, and the picture with them that its film gives.
 
 use super::Frame;
-use super::aov::{Aov, AovError, AovSet, COUNTS, MEANS};
-use crate::film::{Coverage, Film, Image, Layer, LayerValues, Picture, Region, power_of_two};
+use super::aov::{Aov, AovError, AovSet, COUNTS, FEATURES, MEANS};
+use crate::film::{Coverage, Film, Image, Layer, LayerValues, NoisyPicture, Picture, Region, power_of_two};
+use crate::lanes::SimdLevel;
 use crate::scene::{Lens, Objects, Scene};
 #[cfg(feature = "formats")]
 use crate::{film::LayerPlan, scene::Material};
@@ -21,6 +22,8 @@ pub(super) struct FrameLayers {
     pub bits: u32,
     /// Conversions of the numbers of hits to integers, one for each sum.
     pub columns: Vec<Column>,
+    /// The sums of the features that guide a denoiser, which are the last, if there are any.
+    pub features: Option<usize>,
     /// The topmost object above each object.
     assets: Vec<u32>,
 }
@@ -61,16 +64,17 @@ impl Frame {
     pub fn with_aovs(&self, aovs: &AovSet) -> Result<Self, AovError> {
         aovs.check(self)?;
         let plan = aovs.plan(self.scene(), self.settings().spp);
-        let means = MEANS.iter().filter(|(aov, _)| aovs.has(*aov));
+        let means = MEANS.iter().filter(|(aov, _)| aovs.holds(*aov));
         let bounds = means.flat_map(|(aov, channels)| channels.iter().map(|_| aov.bound_bits(self.scene())));
         let column = |(bound, &bits): (i32, &i32)| Column {
             bound: power_of_two(bound) as f32,
             scale: power_of_two(bits),
         };
-        let columns = bounds.zip(&plan.sums).map(column).collect();
+        let columns: Vec<Column> = bounds.zip(&plan.sums).map(column).collect();
+        let features = aovs.has_features().then(|| columns.len() - FEATURES);
         let film = self.film().with_layers(plan)?;
         let assets = if aovs.has(Aov::CryptoAsset) { assets(&self.scene().objects) } else { Vec::new() };
-        let layers = FrameLayers { aovs: aovs.clone(), bits: aovs.bits(), columns, assets };
+        let layers = FrameLayers { aovs: aovs.clone(), bits: aovs.bits(), columns, features, assets };
         Ok(self.with_layers((!aovs.is_empty()).then(|| Arc::new(layers)), film))
     }
 
@@ -119,9 +123,27 @@ impl Frame {
     pub fn develop(&self, film: &Film) -> Picture {
         self.developer().develop(film)
     }
+
+    /// [`Frame::develop`], and the picture denoised on `threads` threads if that was asked for
+    /// ([`AovSet::with_denoised`]).
+    ///
+    /// # Panics
+    /// If the film is of another kind of frame.
+    pub fn develop_denoised(&self, film: &Film, threads: usize) -> Picture {
+        self.developer().develop_denoised(film, self.simd(), threads)
+    }
 }
 
 impl Developer {
+    pub fn develop_denoised(&self, film: &Film, simd: SimdLevel, threads: usize) -> Picture {
+        let mut picture = self.develop(film);
+        if self.layers.as_ref().is_some_and(|layers| layers.aovs.is_denoised()) {
+            let denoised = NoisyPicture::of(film, self.region).denoise(simd, threads);
+            picture.noisy = Some(std::mem::replace(&mut picture.image, denoised));
+        }
+        picture
+    }
+
     pub fn develop(&self, film: &Film) -> Picture {
         let mut picture = Picture::new(Image::of(film, self.region));
         let Some(layers) = &self.layers else { return picture };
@@ -143,6 +165,8 @@ impl Developer {
 pub(super) struct LayerRecord {
     aovs: Vec<String>,
     transparent: bool,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    denoised: bool,
     lens: Lens,
     objects: Objects,
     materials: Vec<String>,
@@ -156,6 +180,7 @@ impl LayerRecord {
         (!aovs.is_empty()).then(|| Self {
             aovs: aovs.iter().map(|aov| aov.name().to_owned()).collect(),
             transparent: aovs.is_transparent(),
+            denoised: aovs.is_denoised(),
             lens: *frame.lens(),
             objects: Objects::clone(&scene.objects),
             materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
@@ -174,7 +199,7 @@ impl LayerRecord {
     fn aovs(&self) -> Option<AovSet> {
         let aovs: Option<Vec<Aov>> = self.aovs.iter().map(|name| name.parse().ok()).collect();
         let aovs = aovs?.into_iter().fold(AovSet::default(), AovSet::with);
-        Some(aovs.with_transparent(self.transparent))
+        Some(aovs.with_transparent(self.transparent).with_denoised(self.denoised))
     }
 
     /// A scene that has names alone.
@@ -183,12 +208,13 @@ impl LayerRecord {
         Scene { objects: self.objects.clone().into(), materials, ..Scene::default() }
     }
 
-    /// The picture of a region of a film with these layers.
-    pub fn develop(&self, film: &Film, region: Region) -> Picture {
+    /// The developer of pictures of a region of films with these layers.
+    pub fn developer(&self, region: Region) -> Developer {
         let aovs = self.aovs().unwrap_or_default();
-        let layers = FrameLayers { bits: aovs.bits(), aovs, columns: Vec::new(), assets: Vec::new() };
+        let layers =
+            FrameLayers { bits: aovs.bits(), aovs, columns: Vec::new(), features: None, assets: Vec::new() };
         let scene = Arc::new(self.names());
-        Developer { scene, lens: self.lens, region, layers: Some(Arc::new(layers)) }.develop(film)
+        Developer { scene, lens: self.lens, region, layers: Some(Arc::new(layers)) }
     }
 }
 
@@ -221,6 +247,10 @@ impl Seen<'_> {
                 floats(&["Z"], self.pixels().map(z).collect())
             }
             Aov::Samples => floats(&["Y"], self.pixels().map(|i| film.samples_of(i) as f32).collect()),
+            Aov::Noisy => {
+                let image = Image::of(film, self.developer.region);
+                floats(&["R", "G", "B"], image.pixels.into_flattened())
+            }
             Aov::Variance => floats(&["R", "G", "B"], self.pixels().flat_map(|i| film.variance(i)).collect()),
             _ => self.ids(aov),
         }
@@ -275,14 +305,14 @@ impl Seen<'_> {
     /// Means over hits, or over all samples if they are shares of the pixel's radiance.
     fn mean(&self, aov: Aov) -> LayerValues {
         let (mut entry, mut channels): (usize, &'static [&'static str]) = (0, &[]);
-        for (other, names) in MEANS.iter().filter(|(other, _)| self.aovs.has(*other)) {
+        for (other, names) in MEANS.iter().filter(|(other, _)| self.aovs.holds(*other)) {
             channels = names;
             if *other == aov {
                 break;
             }
             entry += names.len();
         }
-        let of_all = matches!(aov, Aov::Albedo | Aov::Emission);
+        let of_all = aov.is_feature() || matches!(aov, Aov::Albedo | Aov::Emission);
         let mut values = Vec::with_capacity(self.developer.region.area() as usize * channels.len());
         for pixel in self.pixels() {
             let count = if of_all { self.film.samples_of(pixel) } else { self.film.hits(pixel) };

@@ -152,6 +152,12 @@ impl<I: Integrator> Gathered<I> {
         self.frame.integrator().frame().develop(&self.frame.state().film)
     }
 
+    /// [`Gathered::develop`], and the picture denoised on `threads` threads if that was asked for
+    /// ([`super::AovSet::with_denoised`]).
+    pub fn develop_denoised(&self, threads: usize) -> Picture {
+        self.frame.integrator().frame().develop_denoised(&self.frame.state().film, threads)
+    }
+
     /// The frame's integrator.
     pub fn integrator(&self) -> &I {
         self.frame.integrator()

@@ -4,6 +4,7 @@ use super::frame_layers::LayerRecord;
 use super::summed::Summed;
 use super::{Frame, Identity, Part, Settings};
 use crate::film::{Film, FilmKind, Image, Picture, Region, take};
+use crate::lanes::SimdLevel;
 use crate::memory::OutOfMemory;
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
@@ -268,8 +269,19 @@ impl PartialFilm {
     /// If the picture does not have the region.
     pub fn develop(&self, region: Region) -> Picture {
         match &self.header.layers {
-            Some(layers) => layers.develop(&self.film, region),
+            Some(layers) => layers.developer(region).develop(&self.film),
             None => Picture::new(Image::of(&self.film, region)),
+        }
+    }
+
+    /// [`PartialFilm::develop`], and the picture denoised if that was asked for ([`super::AovSet::with_denoised`]).
+    ///
+    /// # Panics
+    /// If the picture does not have the region.
+    pub fn develop_denoised(&self, region: Region, simd: SimdLevel, threads: usize) -> Picture {
+        match &self.header.layers {
+            Some(layers) => layers.developer(region).develop_denoised(&self.film, simd, threads),
+            None => self.develop(region),
         }
     }
 

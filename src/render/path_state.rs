@@ -1,5 +1,6 @@
 //! The state of a path between its hits.
 
+use crate::film::Film;
 use crate::lanes::SingleLane;
 use crate::shade::Cone;
 use bytemuck::{Pod, Zeroable};
@@ -7,6 +8,10 @@ use bytemuck::{Pod, Zeroable};
 /// Bits of [`PathState::depth`] that count rays; depths go one beyond the last bounce.
 pub(super) const DEPTH_BITS: u32 = 11;
 pub(super) const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
+
+/// The bit of [`PathState::pixel`] that paths have until they have met the features that guide a denoiser.
+pub(super) const SEEKS: u32 = 1 << 30;
+const _: () = assert!(super::Settings::MAX_PIXELS <= SEEKS as u64 && Film::HALF > SEEKS);
 
 /// The state of a path.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -17,6 +22,7 @@ pub struct PathState {
     /// Upper half: the high bits of the f32 squared index of refraction of the ray's medium, relative to the medium in
     /// which the path began. Lower half: the ray's [`Cone`].
     pub(super) index2_and_cone: u32,
+    /// The pixel, and [`SEEKS`].
     pub(super) pixel: u32,
     pub(super) sample: u32,
     /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: whether the path has one
@@ -47,7 +53,7 @@ impl PathState {
 
     /// The pixel, counted row by row from the top.
     pub fn pixel(&self) -> u32 {
-        self.pixel
+        self.pixel & !SEEKS
     }
 
     /// The number of the pixel's sample.

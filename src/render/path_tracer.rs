@@ -2,7 +2,7 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
-use super::path_state::{DEPTH, DEPTH_BITS, PathState};
+use super::path_state::{DEPTH, DEPTH_BITS, PathState, SEEKS};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, Plain, Vector};
@@ -132,6 +132,8 @@ struct States<L: Lanes> {
     index2: Num<L>,
     pub cone: Cone<L>,
     pub pixel: Int<L>,
+    /// [`SEEKS`] or 0.
+    seeks: Int<L>,
     pub sample: Int<L>,
     pub depth: Int<L>,
     /// [`ONE_CHANNEL`] or 0.
@@ -148,7 +150,8 @@ impl<L: Lanes> States<L> {
             throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
             index2: (packed & INDEX2).to_num_bits(),
             cone: Cone::unpack(packed),
-            pixel,
+            pixel: pixel & !SEEKS,
+            seeks: pixel & SEEKS,
             sample,
             depth: depth & DEPTH,
             one_channel: depth & ONE_CHANNEL,
@@ -169,7 +172,7 @@ impl<L: Lanes> States<L> {
         let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
         let depth = self.depth + self.one_channel + (self.facing << FACING_SHIFT);
         let [pixel, sample, depth] =
-            [self.pixel.to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
+            [(self.pixel + self.seeks).to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
         let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
         Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
     }
@@ -292,6 +295,7 @@ impl Shading<'_, '_> {
         }
         let sky = self.sky(&state, direction);
         frame.splat_lanes(None, lanes & !sky.is_zero(), state.target(frame), sky);
+        frame.add_sky_features(state.pixel, sky, lanes & !state.seeks.is(0));
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -372,11 +376,25 @@ impl Shading<'_, '_> {
         let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
+        state.seeks = self.meet(&place, &state, lanes);
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, cone, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
+    }
+
+    /// Adds what paths see to the features that guide a denoiser, if it is not seen in a mirror or through glass.
+    /// Returns [`SEEKS`] for the paths that have met none yet.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn meet<L: Lanes>(&self, place: &Place<'_, L>, state: &States<L>, lanes: Mask<L>) -> Int<L> {
+        if !self.frame.has_features() {
+            return state.seeks;
+        }
+        let l = state.pixel.lanes();
+        let met = lanes & !state.seeks.is(0) & !place.bsdf.shows_others(l);
+        self.frame.add_features_on(place.number, place.at, state.pixel, state.throughput, met);
+        Int::select(met, Int::splat(l, 0), state.seeks)
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -547,7 +565,8 @@ impl HitShader for PathShader {
 
     fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {
         let first = PathState::start(frame.cone());
-        move |pixel, sample| PathState { pixel, sample, ..first }
+        let seeks = if frame.has_features() { SEEKS } else { 0 };
+        move |pixel, sample| PathState { pixel: pixel | seeks, sample, ..first }
     }
 
     fn shade(
@@ -567,7 +586,7 @@ impl HitShader for PathShader {
 
     #[inline]
     fn camera_sample(&self, state: &PathState) -> Option<CameraSample> {
-        let PathState { pixel, sample, .. } = *state;
+        let (pixel, sample) = (state.pixel(), state.sample);
         (state.depth() == 0).then_some(CameraSample { pixel, sample })
     }
 

@@ -409,6 +409,12 @@ impl<I: Integrator> Progressive<I> {
         self.integrator.frame().develop(&self.picture())
     }
 
+    /// [`Progressive::develop`], and the picture denoised on `threads` threads if that was asked for
+    /// ([`super::AovSet::with_denoised`]).
+    pub fn develop_denoised(&self, threads: usize) -> Picture {
+        self.integrator.frame().develop_denoised(&self.picture(), threads)
+    }
+
     pub(super) fn state(&self) -> &State {
         &self.state
     }

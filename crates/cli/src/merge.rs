@@ -7,6 +7,7 @@ use super::render::{insist, partial, warn_of_clamped};
 use super::stats::{self, ImageStats, MergeStats, SCHEMA};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use raystream::film::{Format, Picture, Region, write_picture};
+use raystream::lanes::SimdLevel;
 use raystream::render::{PICTURE_VERSION, Part, PartialFilm, PartialFilmError, PartialFilmHeader};
 use std::fs::File;
 use std::io::BufReader;
@@ -59,7 +60,8 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
             mean_spp,
             filter: identity("--filter"),
             indirect_limit: identity("the radiance of --clamp-indirect").parse().ok(),
-            hash: image.hash(),
+            hash: picture.hash(),
+            denoised_hash: picture.denoised_hash(),
             layers: picture.layer_hashes(),
             picture_version: PICTURE_VERSION,
             view: look.view().name().into(),
@@ -165,7 +167,11 @@ fn add(args: &MergeArgs, joined: &PartialFilmHeader) -> Result<PartialFilm> {
 
 /// The picture of a region, with the facts that the films have.
 fn develop(args: &MergeArgs, sum: &PartialFilm, region: Region, mean_spp: f64) -> Picture {
-    let mut picture = sum.develop(region);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut picture = match args.picture_path() {
+        Some(_) => sum.develop_denoised(region, SimdLevel::detect(), threads),
+        None => sum.develop(region),
+    };
     let (image, look) = (&picture.image, args.look.look());
     let mut facts = sum.header().metadata().clone();
     let (width, height) = sum.header().size();
@@ -173,12 +179,15 @@ fn develop(args: &MergeArgs, sum: &PartialFilm, region: Region, mean_spp: f64) -
         (Picture::REGION, args.region.map(|region| region.to_string())),
         (Picture::WHOLE_SIZE, args.region.map(|_| format!("{width},{height}"))),
         ("samples", None),
-        ("picture_hash", Some(image.hash())),
+        ("picture_hash", Some(picture.hash())),
         ("mean_spp", Some(mean_spp.to_string())),
         ("view", Some(look.view().name().to_owned())),
         ("exposure_stops", Some(look.stops(image).to_string())),
         ("white_balance", args.look.white_balance.map(|kelvin| kelvin.to_string())),
-    ] {
+    ]
+    .into_iter()
+    .chain(picture.denoising_facts())
+    {
         match value {
             Some(value) => facts.insert(name.to_owned(), value),
             None => facts.remove(name),

@@ -160,8 +160,12 @@ pub struct MergeStats {
 pub struct FrameStats {
     /// Frame number.
     pub frame: u32,
-    /// [`raystream::film::Image::hash`].
+    /// [`raystream::film::Picture::hash`].
     pub hash: String,
+    /// [`raystream::film::Picture::denoised_hash`]; absent without `--denoise`, and if an earlier run finished the
+    /// frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoised_hash: Option<String>,
     /// [`raystream::film::Picture::layer_hashes`]; absent without layers, and if an earlier run finished the
     /// frame.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -218,8 +222,11 @@ pub struct ImageStats {
     /// Radiance to which contributions of indirect light were clamped, so the picture is too dark; null without
     /// `--clamp-indirect`.
     pub indirect_limit: Option<f32>,
-    /// [`raystream::film::Image::hash`].
+    /// [`raystream::film::Picture::hash`].
     pub hash: String,
+    /// [`raystream::film::Picture::denoised_hash`]; absent without `--denoise`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoised_hash: Option<String>,
     /// [`raystream::film::Picture::layer_hashes`]; absent without layers.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub layers: BTreeMap<&'static str, String>,

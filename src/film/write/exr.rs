@@ -145,7 +145,16 @@ fn prefix(layer: &str) -> String {
 
 /// True if half-precision floats suffice for a layer.
 fn may_be_half(layer: &str) -> bool {
-    matches!(layer, "normal" | "shading-normal" | "albedo" | "emission")
+    matches!(
+        layer,
+        "normal"
+            | "shading-normal"
+            | "albedo"
+            | "emission"
+            | "denoising-albedo"
+            | "denoising-normal"
+            | "noisy"
+    )
 }
 
 type Channels = SmallVec<[AnyChannel<FlatSamples>; 4]>;

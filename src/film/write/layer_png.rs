@@ -28,9 +28,9 @@ impl Coding {
     fn of(layer: &str) -> Option<Self> {
         Some(match layer {
             "depth" | "z" => Self::Distance,
-            "normal" | "shading-normal" => Self::Direction,
-            "albedo" => Self::Reflectance,
-            "emission" => Self::Radiance,
+            "normal" | "shading-normal" | "denoising-normal" => Self::Direction,
+            "albedo" | "denoising-albedo" => Self::Reflectance,
+            "emission" | "noisy" => Self::Radiance,
             "alpha" => Self::Share,
             "samples" => Self::Count,
             "object" | "material" | "instance" | "primitive" => Self::Id,

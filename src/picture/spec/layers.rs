@@ -9,8 +9,10 @@ spec_group! {
     pub struct LayerSpec {
         /// Layers to write besides the picture, separated by commas: depth, z, normal, shading-normal, position,
         /// albedo, uv, emission, object, material, instance, primitive, samples, variance, crypto-object,
-        /// crypto-material, crypto-asset.
+        /// crypto-material, crypto-asset, denoising-albedo, denoising-normal, noisy.
         maybe "aov" aov: form::Own<AovSet>, "LIST";
+        /// Remove noise from the picture. The result has the same bytes on every unit and machine, too.
+        flag "denoise" denoise;
         /// Leave the environment out where the camera sees it directly, and write alpha.
         flag "transparent" transparent;
     }
@@ -19,6 +21,6 @@ spec_group! {
 impl LayerSpec {
     /// All layers that are asked for.
     pub fn aovs(&self) -> AovSet {
-        self.aov.clone().unwrap_or_default().with_transparent(self.transparent)
+        self.aov.clone().unwrap_or_default().with_transparent(self.transparent).with_denoised(self.denoise)
     }
 }

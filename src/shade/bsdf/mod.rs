@@ -287,4 +287,20 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     pub fn is_smooth(&self) -> bool {
         matches!(self, Self::Mirror(_) | Self::Dielectric(_))
     }
+
+    /// Points at which one sees other surfaces rather than this one: mirrors, clear glass, polished metal.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn shows_others(&self, l: L) -> Mask<L> {
+        /// Perceptual roughness from which on a surface blurs what is seen in it.
+        const POLISHED: f32 = 0.2;
+        /// The least diffuse albedo with which a surface is seen itself.
+        const LEAST_DIFFUSE: f32 = 0.02;
+        match self {
+            Self::Mirror(_) | Self::Dielectric(_) => Mask::splat(l, true),
+            Self::Principled(surface) if surface.translucency.is_none() && surface.sheen.is_none() => {
+                !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
+            }
+            _ => Mask::splat(l, false),
+        }
+    }
 }

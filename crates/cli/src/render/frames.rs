@@ -139,7 +139,15 @@ fn earlier(
     camera: &Camera,
 ) -> Option<FrameStats> {
     let hash = finished.hash(animation, frame, camera)?.to_owned();
-    Some(FrameStats { frame, hash, layers: BTreeMap::new(), seconds: None, mean_spp: None, noise: None })
+    Some(FrameStats {
+        frame,
+        hash,
+        denoised_hash: None,
+        layers: BTreeMap::new(),
+        seconds: None,
+        mean_spp: None,
+        noise: None,
+    })
 }
 
 /// Notes a finished frame in the checkpoint. A failure is told, because the next frame writes the file anew.

@@ -75,6 +75,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
         checked.check_frames(scene)
     })?;
     let rendering = checked.rendering(setup.prepared.clone())?.with_policy(setup.policy);
+    let rendering = rendering.with_threads(setup.service.host_threads());
     let assumed = rendering.assumed();
     if !assumed.is_empty() {
         log::warn!("the scene has {}", assumed.join("; "));

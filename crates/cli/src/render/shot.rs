@@ -106,7 +106,11 @@ impl Shot {
         viewer: &Viewer,
     ) -> Result<FrameStats> {
         let mean_spp = mean_samples(&self.picture);
-        let picture = rendering.developed(&self.picture, &self.camera);
+        // Whoever adds up partial films removes the noise of their sum.
+        let picture = match animation.picture(self.frame) {
+            Some(_) => rendering.developed(&self.picture, &self.camera),
+            None => rendering.developed_noisy(&self.picture, &self.camera),
+        };
         let (look, options) = (args.spec.look.look(), args.spec.encoding.options());
         viewer.show(&animation.subject(self.frame), &picture);
         if let Some(file) = animation.picture(self.frame) {
@@ -118,7 +122,8 @@ impl Shot {
         debug_assert!(unwritten.is_none(), "the frame is complete");
         Ok(FrameStats {
             frame: self.frame,
-            hash: picture.image.hash(),
+            hash: picture.hash(),
+            denoised_hash: picture.denoised_hash(),
             layers: picture.layer_hashes(),
             seconds: Some((self.end_s - self.begin_s).max(0.0)),
             mean_spp: Some(mean_spp),

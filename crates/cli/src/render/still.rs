@@ -14,6 +14,7 @@ use raystream::film::{Exposure, Film, Picture, WriteError, write_picture};
 use raystream::meters::{Meters, Recorder};
 use raystream::picture::{AnyIntegrator, Checkpoint, Rendering, mean_samples};
 use raystream::render::{Integrator, PICTURE_VERSION, PassOptions, Progressive};
+use raystream::scene::Camera;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -59,7 +60,7 @@ pub fn run(
         progress.finish_job(report.tiles_spawned, report.rays.total());
         totals.add(&report);
         if let Some(time) = interval.filter(|time| saved.elapsed() >= *time) {
-            save_meanwhile(args, checkpoint.as_ref(), &frame, &rendering.developed(&frame, &camera), time);
+            save_meanwhile(args, checkpoint.as_ref(), &frame, (rendering, &camera), time);
             saved = Instant::now();
         }
         viewer.show_sometimes(&name, || frame.develop());
@@ -69,7 +70,7 @@ pub fn run(
     totals.joules = meters.joules();
     let recorded = recorder.map_or_else(Vec::new, Recorder::finish);
     let (part, started) = (args.partial.as_deref(), Instant::now());
-    let (film, picture) = (frame.picture(), rendering.developed(&frame, &camera));
+    let (film, picture) = (frame.picture(), finished(args, rendering, &frame, &camera));
     viewer.show(&name, &picture);
     totals.events.recover(setup.prepared.degraded.clone().into_iter().chain(setup.idle_fault()));
     totals.events.lack((end == End::Interrupted).then(|| stopped(&frame)).flatten());
@@ -87,6 +88,19 @@ pub fn run(
         totals.timeline(setup, recorded).write(path)?;
     }
     report(args, &stats, &totals.events)
+}
+
+/// The picture to be written. Without one there are partial films, and whoever adds them up removes their sum's noise.
+fn finished(
+    args: &RenderArgs,
+    rendering: &Rendering,
+    frame: &Progressive<AnyIntegrator>,
+    camera: &Camera,
+) -> Picture {
+    match args.picture_path() {
+        Some(_) => rendering.developed(frame, camera),
+        None => rendering.developed_noisy(frame, camera),
+    }
 }
 
 /// Writes and prints the statistics.
@@ -148,11 +162,13 @@ fn save_meanwhile(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
     frame: &Progressive<AnyIntegrator>,
-    picture: &Picture,
+    (rendering, camera): (&Rendering, &Camera),
     interval: Duration,
 ) {
+    // Noise is removed once, from the finished picture.
+    let picture = rendering.developed_noisy(frame, camera);
     let kept = checkpoint.map_or(Ok(()), |checkpoint| checkpoint.write(frame));
-    let shown = write(args, picture);
+    let shown = write(args, &picture);
     for error in [kept.err(), shown.err().map(Into::into)].into_iter().flatten() {
         log::warn!("{error}; rendering goes on, and the next try is in {:.1} s", interval.as_secs_f64());
     }
@@ -176,7 +192,8 @@ fn image_stats(args: &RenderArgs, frame: &Progressive<AnyIntegrator>, picture: &
         mean_spp: mean_samples(frame),
         filter: args.spec.sampling.filter.to_string(),
         indirect_limit: args.spec.indirect_limit(),
-        hash: image.hash(),
+        hash: picture.hash(),
+        denoised_hash: picture.denoised_hash(),
         layers: picture.layer_hashes(),
         picture_version: PICTURE_VERSION,
         view: look.view().name().into(),

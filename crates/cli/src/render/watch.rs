@@ -70,7 +70,7 @@ impl Watching<'_> {
         let mut is_complete = false;
         loop {
             if interrupt::requested() {
-                write(args, path, &frame.develop())?;
+                write(args, path, &frame.develop_denoised(setup.service.host_threads()))?;
                 return Ok(None);
             }
             if let Some(changed) = shaders.changed(&prepared.scene) {
@@ -97,7 +97,12 @@ impl Watching<'_> {
             }
             viewer.show(&name, &frame.develop());
             if is_complete || saved.is_none_or(|time| time.elapsed() >= interval) {
-                write(args, path, &frame.develop())?;
+                // Noise is removed once, from the finished picture.
+                let picture = match is_complete {
+                    true => frame.develop_denoised(setup.service.host_threads()),
+                    false => frame.develop(),
+                };
+                write(args, path, &picture)?;
                 saved = Some(Instant::now());
             }
         }

@@ -8,6 +8,9 @@ use std::time::Duration;
 
 const SMALL: [&str; 6] = ["--size", "44x36", "--spp", "6", "--stats", "s.json"];
 
+const LAYERS: &str =
+    "depth,z,normal,position,object,samples,variance,crypto-material,denoising-albedo,denoising-normal";
+
 /// Renders Cornell's box and returns the statistics.
 fn render(folder: &Path, more: &[&str]) -> Value {
     let scene = shipped("cornell.json");
@@ -63,9 +66,7 @@ fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
     for turn in 0..2 {
         let layers: &[&str] = match turn {
             0 => &[],
-            _ => {
-                &["--transparent", "--aov", "depth,z,normal,position,object,samples,variance,crypto-material"]
-            }
+            _ => &["--denoise", "--transparent", "--aov", LAYERS],
         };
         let whole = render(folder, &[&["-o", "whole.npz", "--tracer", "cpu"], layers].concat());
         let mut names = Vec::new();
@@ -92,11 +93,41 @@ fn seven_random_parts_merge_to_the_whole_picture_even_if_gpus_fail() {
         let merged = json(&folder.join("m.json"));
         assert_eq!(merged["image"]["hash"], whole["image"]["hash"]);
         assert_eq!(merged["image"]["layers"], whole["image"]["layers"]);
-        assert_eq!(merged["image"]["layers"].as_object().map_or(0, serde_json::Map::len), 9 * turn);
+        assert_eq!(merged["image"]["layers"].as_object().map_or(0, serde_json::Map::len), 11 * turn);
+        let denoised = &merged["image"]["denoised_hash"];
+        assert_eq!(denoised, &whole["image"]["denoised_hash"]);
+        assert_eq!(denoised.is_string(), turn > 0);
+        assert_ne!(denoised, &whole["image"]["hash"]);
         assert_eq!(merged["missing"], serde_json::json!([]));
         let read = |name: &str| std::fs::read(folder.join(name)).expect("picture");
         assert_eq!(read("merged.npz"), read("whole.npz"), "metadata and all");
     }
+}
+
+#[test]
+fn a_picture_is_denoised_to_the_same_bytes_and_keeps_its_hash() {
+    let folder = folder();
+    let folder = folder.path();
+    let plain = render(folder, &["-o", "plain.npz", "--tracer", "cpu"]);
+    let mut first = None;
+    for more in [
+        &["--simd", "scalar", "--threads", "1"][..],
+        &["--threads", "1"],
+        &["--threads", "2", "--checkpoint", "c.ray"],
+        &["--checkpoint", "c.ray", "--resume"],
+    ] {
+        let args = ["-o", "denoised.npz", "--denoise", "--aov", "noisy", "--tracer", "cpu"];
+        let stats = render(folder, &[&args[..], more].concat());
+        assert_eq!(stats["image"]["hash"], plain["image"]["hash"], "{more:?}");
+        let bytes = std::fs::read(folder.join("denoised.npz")).expect("the picture");
+        let (hash, all) = first.get_or_insert((stats["image"]["denoised_hash"].clone(), bytes.clone()));
+        assert!(hash.is_string() && *hash != stats["image"]["hash"]);
+        assert_eq!(stats["image"]["denoised_hash"], *hash, "{more:?}");
+        assert!(bytes == *all, "{more:?}: the file, layers and all");
+    }
+    let one = ["render", &shipped("cornell.json"), "--size", "8x8", "--spp", "1", "--denoise", "-o", "x.png"];
+    let told = run(folder, &one, 2);
+    assert!(told.contains("needs at least 2 samples per pixel"), "{told}");
 }
 
 fn pixels(path: &Path) -> (Vec<u64>, Vec<f32>) {

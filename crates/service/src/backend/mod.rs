@@ -171,6 +171,7 @@ impl RenderBackend {
         let prepared = self.cache.get(&key, || self.prepare(&checked, folder).map(Arc::new))?;
         metrics::gauge!("raystream_scene_cache_bytes").set(self.cache.weight() as f64);
         let rendering = checked.rendering(PreparedScene::clone(&prepared))?.with_policy(self.units.policy);
+        let rendering = rendering.with_threads(self.service().host_threads());
         Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone()))
     }
 

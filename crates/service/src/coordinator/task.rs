@@ -317,7 +317,7 @@ impl Runner {
         let row = FrameRow {
             number: frame,
             name: String::new(),
-            hash: Some(picture.image.hash()),
+            hash: Some(picture.hash()),
             layers: Some(json(serde_json::to_string(&picture.layer_hashes()))?),
             metadata: Some(json(serde_json::to_string(&picture.metadata))?),
         };
