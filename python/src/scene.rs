@@ -2,7 +2,7 @@
 
 use crate::arrays::{leading, numbers};
 use crate::calls::Given;
-use crate::mesh::{Mesh, checked, faces_of};
+use crate::mesh::{TriangleMesh, checked, faces_of};
 use crate::rays::rows_of;
 use crate::target::Vertices;
 use crate::threads::Threads;
@@ -48,7 +48,7 @@ impl Scene {
         leading(&vertices, 3, "vertices")?;
         let positions: Vec<Vec3> = rows_of(&vertices)?.iter().copied().map(Vec3::from).collect();
         let count = positions.len();
-        let mut mesh = scene::Mesh::new(positions, faces_of(faces)?);
+        let mut mesh = scene::TriangleMesh::new(positions, faces_of(faces)?);
         if let Some(normals) = normals {
             let normals = checked(&numbers(normals, "normals")?, &[count, 3], "normals")?;
             mesh.normals = normals.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect();
@@ -88,7 +88,7 @@ impl Scene {
 
 impl Scene {
     /// A checked scene of a mesh.
-    fn of(py: Python<'_>, mesh: scene::Mesh) -> PyResult<Self> {
+    fn of(py: Python<'_>, mesh: scene::TriangleMesh) -> PyResult<Self> {
         Threads::all()?.run(py, || {
             let scene = scene_of_mesh(mesh, "mesh");
             scene.map(|scene| Self { scene }).map_err(|error| PyValueError::new_err(error.to_string()))
@@ -104,7 +104,7 @@ impl Scene {
     ///
     /// # Errors
     /// If the mesh has no triangles.
-    pub fn of_mesh(mesh: &Bound<'_, Mesh>) -> PyResult<Self> {
+    pub fn of_mesh(mesh: &Bound<'_, TriangleMesh>) -> PyResult<Self> {
         let target = Mesh::of(mesh)?;
         let positions = match &target.vertices {
             Vertices::F32(vertices) => vertices.iter().copied().map(Vec3::from).collect(),
@@ -112,7 +112,7 @@ impl Scene {
                 vertices.iter().map(|vertex| vertex.map(|number| number as f32).into()).collect()
             }
         };
-        let mut scene = scene::Mesh::new(positions, target.faces.to_vec());
+        let mut scene = scene::TriangleMesh::new(positions, target.faces.to_vec());
         if let Some(normals) = target.normals {
             scene.normals = normals.iter().copied().map(Vec3::from).collect();
         }

@@ -24,10 +24,10 @@ use std::sync::{Arc, OnceLock};
 /// use raystream::engine::{PreparedScene, Units};
 /// use glam::Vec3;
 /// use raystream::render::Settings;
-/// use raystream::scene::{Camera, Environment, Material, Mesh, Scene};
+/// use raystream::scene::{Camera, Environment, Material, TriangleMesh, Scene};
 /// use raystream::schedule::{JobOptions, Service, ServiceOptions};
 ///
-/// let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+/// let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
 /// let mut scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
 /// scene.environment = Environment::Constant(Vec3::ONE);
 /// let camera = Camera::framing(&scene.bounds(), 1.0);
@@ -208,7 +208,7 @@ impl PreparedScene {
     /// ```
     /// use raystream::prelude::*;
     /// # use raystream::glam::Vec3;
-    /// # use raystream::scene::Mesh;
+    /// # use raystream::scene::TriangleMesh;
     ///
     /// /// White where anything is seen.
     /// struct Mask;
@@ -218,7 +218,7 @@ impl PreparedScene {
     ///         if hit.surface().is_some() { Vec3::ONE } else { Vec3::ZERO }
     ///     }
     /// }
-    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
     /// # let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
     /// # let camera = Camera::framing(&scene.bounds(), 1.0);
     /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
@@ -260,8 +260,8 @@ impl PreparedScene {
     /// ```
     /// use raystream::prelude::*;
     /// # use raystream::glam::Vec3;
-    /// # use raystream::scene::Mesh;
-    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # use raystream::scene::TriangleMesh;
+    /// # let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
     /// # let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
     /// let prepared = PreparedScene::new(scene, &Units::cpu())?;
     /// let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
@@ -359,7 +359,7 @@ fn tracers(host: Arc<dyn Tracer>, device: Option<&Device>, units: &Units, scene:
 mod tests {
     use super::*;
     use crate::render::{Integrator, RayHit};
-    use crate::scene::{Material, Mesh};
+    use crate::scene::{Material, TriangleMesh};
     use glam::Vec3;
 
     struct Grey(f32);
@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn integrators_are_made_with_the_scenes_lights() {
-        let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+        let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
         let scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
         let camera = Camera::framing(&scene.bounds(), 1.0);
         let prepared = PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");

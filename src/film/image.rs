@@ -66,8 +66,8 @@ impl Film {
     /// ```
     /// use raystream::prelude::*;
     /// # use raystream::glam::Vec3;
-    /// # use raystream::scene::Mesh;
-    /// # let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+    /// # use raystream::scene::TriangleMesh;
+    /// # let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
     /// # let mut scene = Scene::new(mesh, vec![Material::matte("paper", Vec3::splat(0.8))]);
     /// # scene.environment = Environment::Constant(Vec3::ONE);
     /// # let camera = Camera::framing(&scene.bounds(), 1.0);

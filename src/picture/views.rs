@@ -207,13 +207,13 @@ impl Transforms {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Mesh;
+    use crate::scene::TriangleMesh;
     use serde_json::json;
 
     #[test]
     fn views_on_a_sphere_see_everything_from_all_sides() {
         let (min, max) = (Vec3::new(-3.0, 1.0, 2.0), Vec3::new(4.0, 9.0, 2.5));
-        let scene = Scene::new(Mesh::new(vec![min, max, min], vec![[0, 1, 2]]), Vec::new());
+        let scene = Scene::new(TriangleMesh::new(vec![min, max, min], vec![[0, 1, 2]]), Vec::new());
         let (own, size) = (Camera::new(Vec3::ZERO, Vec3::X).with_fov(30.0), (40, 60));
         for count in [1, 2, 7, 100] {
             let views =

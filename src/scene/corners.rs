@@ -1,6 +1,6 @@
 //! The corners of triangles in lanes: positions, normals, texture coordinates and tangents.
 
-use super::Mesh;
+use super::TriangleMesh;
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 
@@ -15,7 +15,7 @@ pub(crate) fn blend<L: Lanes>(of: &[Vector<L>; 3], weights: &Weights<L>) -> Vect
 
 /// Vertex indices of triangles.
 #[inline(always)]
-pub(crate) fn indices<L: Lanes>(mesh: &Mesh, primitive: Int<L>) -> [Int<L>; 3] {
+pub(crate) fn indices<L: Lanes>(mesh: &TriangleMesh, primitive: Int<L>) -> [Int<L>; 3] {
     primitive.rows::<3>(bytemuck::cast_slice(&mesh.triangles))
 }
 
@@ -31,7 +31,7 @@ pub(crate) fn vectors<L: Lanes>(table: &[glam::Vec3], indices: &[Int<L>; 3]) -> 
     ]
 }
 
-/// Texture coordinates of the corners ([`Mesh::uv_set`]); zero without any.
+/// Texture coordinates of the corners ([`TriangleMesh::uv_set`]); zero without any.
 #[inline(always)]
 pub(crate) fn corner_uvs<L: Lanes>(uvs: &[glam::Vec2], indices: &[Int<L>; 3]) -> [[Num<L>; 2]; 3] {
     if uvs.is_empty() {
@@ -57,7 +57,7 @@ pub(crate) fn blend_uvs<L: Lanes>([a, b, c]: &[[Num<L>; 2]; 3], weights: &Weight
 /// or, without these, from its texture coordinates.
 #[inline(always)]
 pub(crate) fn tangent_basis<L: Lanes>(
-    mesh: &Mesh,
+    mesh: &TriangleMesh,
     indices: &[Int<L>; 3],
     corners: &[Vector<L>; 3],
     uvs: &[[Num<L>; 2]; 3],

@@ -235,11 +235,11 @@ fn distance(segment: &Segment, [a, b, c]: [Vec3; 3]) -> Option<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Colour, Material, Mesh};
+    use super::super::{Colour, Material, TriangleMesh};
     use super::*;
 
     /// A quad with a normal towards the viewer of its corners in this order.
-    fn quad(mesh: &mut Mesh, corners: [[f32; 3]; 4], material: u32) {
+    fn quad(mesh: &mut TriangleMesh, corners: [[f32; 3]; 4], material: u32) {
         let first = mesh.positions.len() as u32;
         mesh.positions.extend(corners.map(Vec3::from));
         mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
@@ -248,7 +248,7 @@ mod tests {
 
     /// A room without a front wall, 2 m wide, whose lamp below the ceiling has a side of `side` and a radiance.
     fn room(side: f32, radiance: f32) -> Scene {
-        let mut mesh = Mesh::default();
+        let mut mesh = TriangleMesh::default();
         let [l, h] = [[-1.0, 1.0], [0.0, 2.0]];
         quad(&mut mesh, [[l[0], 0.0, 1.0], [l[1], 0.0, 1.0], [l[1], 0.0, -1.0], [l[0], 0.0, -1.0]], 0);
         quad(&mut mesh, [[l[0], h[1], -1.0], [l[1], h[1], -1.0], [l[1], h[1], 1.0], [l[0], h[1], 1.0]], 0);
@@ -262,7 +262,7 @@ mod tests {
         scene
     }
 
-    fn lit(mesh: Mesh, radiance: f32) -> Scene {
+    fn lit(mesh: TriangleMesh, radiance: f32) -> Scene {
         let emission =
             Emission { radiance: Colour::constant(Vec3::splat(radiance)), two_sided: false, is_light: true };
         let lamp = Material { emission: Some(emission), ..Material::fallback() };
@@ -282,7 +282,7 @@ mod tests {
     /// A board with a bright lamp in the middle of its front: it shines past the scene.
     #[test]
     fn lamps_in_the_void_light_nothing() {
-        let mut mesh = Mesh::default();
+        let mut mesh = TriangleMesh::default();
         quad(&mut mesh, [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]], 0);
         quad(&mut mesh, [[-0.3, -0.3, 0.01], [0.3, -0.3, 0.01], [0.3, 0.3, 0.01], [-0.3, 0.3, 0.01]], 1);
         assert!(!lit(mesh, 40.0).is_lit_by_surfaces());

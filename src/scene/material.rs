@@ -11,7 +11,7 @@ pub struct Colour {
     pub factor: Vec3,
     /// Its linear RGB multiplies the factor.
     pub texture: Option<TextureRef>,
-    /// True if the RGB of [`super::Mesh::colours`] multiplies the factor, too.
+    /// True if the RGB of [`super::TriangleMesh::colours`] multiplies the factor, too.
     pub vertex: bool,
 }
 
@@ -126,7 +126,7 @@ pub struct Alpha {
     pub mode: AlphaMode,
     /// Alpha, 0..=1. A texture's alpha is linear.
     pub value: Scalar,
-    /// True if the alpha of [`super::Mesh::colours`] multiplies the value.
+    /// True if the alpha of [`super::TriangleMesh::colours`] multiplies the value.
     pub vertex: bool,
 }
 

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// An indexed triangle mesh. Row `i` of `triangles` is primitive `i` everywhere.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
-pub struct Mesh {
+pub struct TriangleMesh {
     /// Vertex positions in world space.
     pub positions: Vec<Vec3>,
     /// Unit shading normals, one per vertex. Either empty or as long as `positions`. A zero vector means that the
@@ -116,7 +116,7 @@ pub enum MeshError {
 /// The largest number of triangles of a scene.
 pub const MAX_TRIANGLES: usize = (1 << 28) - 1;
 
-impl Mesh {
+impl TriangleMesh {
     /// A mesh of vertices and triangles, all of material 0. Normals and texture coordinates may be set afterwards.
     pub fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
         let materials = vec![0; triangles.len()];
@@ -236,7 +236,7 @@ impl Mesh {
     }
 }
 
-impl Mesh {
+impl TriangleMesh {
     /// Checks that colours are from 0 to 1.
     #[cfg(feature = "meshes")]
     pub(super) fn check_colours(&self) -> Result<(), MeshError> {

@@ -1,6 +1,6 @@
 //! The size of a mesh before it is made.
 
-use super::Mesh;
+use super::TriangleMesh;
 use crate::memory::OutOfMemory;
 use std::collections::TryReserveError;
 
@@ -30,7 +30,7 @@ impl MeshSize {
     ///
     /// # Errors
     /// When the system does not give it.
-    pub(crate) fn reserve(&self, mesh: &mut Mesh) -> Result<(), OutOfMemory> {
+    pub(crate) fn reserve(&self, mesh: &mut TriangleMesh) -> Result<(), OutOfMemory> {
         let mut reserve = || -> Result<(), TryReserveError> {
             let [vertices, triangles] =
                 [self.vertices, self.triangles].map(|n| usize::try_from(n).unwrap_or(usize::MAX));

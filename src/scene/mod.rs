@@ -76,7 +76,7 @@ pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scalar, Surface};
 pub use material_edit::{MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
 pub use medium::Medium;
-pub use mesh::{MAX_TRIANGLES, Mesh, MeshError};
+pub use mesh::{MAX_TRIANGLES, MeshError, TriangleMesh};
 #[cfg(feature = "meshes")]
 pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
@@ -115,12 +115,12 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub struct Scene {
     /// All triangles in world space, in file order. Instances are written out.
-    pub mesh: Shared<Mesh>,
+    pub mesh: Shared<TriangleMesh>,
     /// Geometry that the file instances. The mesh holds a moved copy for each instance.
     pub shapes: Shared<Vec<Shape>>,
     /// The objects of the file, and which triangles belong to each. Empty if no loader has filled it.
     pub objects: Shared<Objects>,
-    /// Materials, indexed by [`Mesh::materials`].
+    /// Materials, indexed by [`TriangleMesh::materials`].
     pub materials: Vec<Material>,
     /// Textures, indexed by [`TextureRef::texture`].
     pub textures: Vec<Texture>,
@@ -156,7 +156,7 @@ pub struct Scene {
 impl Scene {
     /// A scene of a mesh and its materials, without light: set [`Scene::environment`] or [`Scene::lights`], or give a
     /// material emission.
-    pub fn new(mesh: impl Into<Shared<Mesh>>, materials: Vec<Material>) -> Self {
+    pub fn new(mesh: impl Into<Shared<TriangleMesh>>, materials: Vec<Material>) -> Self {
         Self { mesh: mesh.into(), materials, ..Self::default() }
     }
 

@@ -7,9 +7,9 @@ use std::sync::Arc;
 /// each clone behaves as a value of its own.
 ///
 /// ```
-/// use raystream::scene::{Mesh, Shared};
+/// use raystream::scene::{TriangleMesh, Shared};
 ///
-/// let mesh = Shared::new(Mesh::default());
+/// let mesh = Shared::new(TriangleMesh::default());
 /// let mut other = mesh.clone();
 /// assert!(Shared::is_same(&mesh, &other));
 /// other.positions.push(glam::Vec3::ZERO);

@@ -84,7 +84,7 @@ pub struct Texture {
 pub struct TextureRef {
     /// Index into [`crate::scene::Scene::textures`].
     pub texture: u32,
-    /// The set of the mesh's texture coordinates ([`super::Mesh::uv_set`]).
+    /// The set of the mesh's texture coordinates ([`super::TriangleMesh::uv_set`]).
     pub set: u32,
     /// Offset in texture coordinates, added after scale and rotation.
     pub offset: Vec2,

@@ -1,13 +1,13 @@
 //! The points at which the inputs of materials are looked up.
 
 use super::corners::{self, Weights, blend_uvs, corner_uvs};
-use super::{Footprint, Mesh, Scene, TextureRef};
+use super::{Footprint, Scene, TextureRef, TriangleMesh};
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, SingleLane};
 
 /// Points on triangles at which textures and vertex colours are looked up, one in each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct TexturePoint<L: Lanes> {
-    /// The mesh's texture coordinates of set 0 ([`Mesh::uv_set`]); zero without any.
+    /// The mesh's texture coordinates of set 0 ([`TriangleMesh::uv_set`]); zero without any.
     pub uv: [Num<L>; 2],
     /// Size of the area that the rays' cones cover in set 0.
     pub footprint: Footprint<L>,
@@ -25,7 +25,7 @@ pub struct TexturePoint<L: Lanes> {
 
 impl TexturePoint<SingleLane> {
     /// The point of a triangle at barycentric (`u`, `v`), seen by a ray without a width.
-    pub fn on(mesh: &Mesh, primitive: u32, u: f32, v: f32) -> Self {
+    pub fn on(mesh: &TriangleMesh, primitive: u32, u: f32, v: f32) -> Self {
         let uv = mesh.uv_at(0, primitive, u, v).to_array().map(Num::from);
         Self::without_width(uv, primitive.into(), [u.into(), v.into()])
     }
@@ -55,7 +55,7 @@ impl<L: Lanes> TexturePoint<L> {
 
     /// The vertices' colours and alphas, blended. White and opaque if the mesh has none.
     #[inline(always)]
-    pub fn vertex_colour(&self, mesh: &Mesh) -> [Num<L>; 4] {
+    pub fn vertex_colour(&self, mesh: &TriangleMesh) -> [Num<L>; 4] {
         self.lanes().outlined(VertexColour { point: self, mesh })
     }
 
@@ -91,7 +91,7 @@ impl<L: Lanes> OutlinedTask<L> for LookUp<'_, L> {
 /// Coordinates and footprints in another set than the first. Few materials have one.
 struct FurtherSet<'a, L: Lanes> {
     point: &'a TexturePoint<L>,
-    mesh: &'a Mesh,
+    mesh: &'a TriangleMesh,
     set: u32,
 }
 
@@ -111,7 +111,7 @@ impl<L: Lanes> OutlinedTask<L> for FurtherSet<'_, L> {
 /// [`TexturePoint::vertex_colour`], outlined because few meshes have colours.
 struct VertexColour<'a, L: Lanes> {
     point: &'a TexturePoint<L>,
-    mesh: &'a Mesh,
+    mesh: &'a TriangleMesh,
 }
 
 impl<L: Lanes> OutlinedTask<L> for VertexColour<'_, L> {

@@ -2,7 +2,7 @@
 
 use super::offset::{self, Plane};
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
-use crate::scene::Mesh;
+use crate::scene::TriangleMesh;
 use crate::scene::corners::{Weights, blend, blend_uvs, corner_uvs, indices, vectors};
 
 /// One [`crate::stream::Hit`] a lane. None of them is a miss.
@@ -55,7 +55,7 @@ pub struct Geometry<L: Lanes> {
 impl<L: Lanes> Geometry<L> {
     /// The geometry of hits by rays of unit direction `direction`.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn new(mesh: &Mesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
+    pub fn new(mesh: &TriangleMesh, direction: Vector<L>, hits: &Hits<L>) -> Self {
         let l = direction.lanes();
         let indices = indices(mesh, hits.primitive);
         let corners = vectors(&mesh.positions, &indices);
@@ -110,7 +110,7 @@ impl<L: Lanes> Geometry<L> {
 
 /// Mesh texture coordinates of hits, in set 0.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub fn mesh_uv<L: Lanes>(mesh: &Mesh, hits: &Hits<L>) -> [Num<L>; 2] {
+pub fn mesh_uv<L: Lanes>(mesh: &TriangleMesh, hits: &Hits<L>) -> [Num<L>; 2] {
     let indices = indices(mesh, hits.primitive);
     blend_uvs(&corner_uvs(&mesh.uvs, &indices), &[1.0 - hits.u - hits.v, hits.u, hits.v])
 }

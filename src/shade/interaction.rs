@@ -6,8 +6,8 @@ use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, BlockFinishes, Finish, Footprint, Material, Mesh, NormalMap, Points, ProceduralSurface,
-    Scene, Surface, TexturePoint, TextureRef,
+    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, Points, ProceduralSurface, Scene,
+    Surface, TexturePoint, TextureRef, TriangleMesh,
 };
 use crate::stream::Hit;
 
@@ -375,7 +375,7 @@ const MIN_PREFETCHED: usize = 1 << 15;
 /// It prefetches the corners of the next `lanes` rays, and the vertex indices of the `lanes` rays after them.
 /// In a large mesh each hit reads memory far from that of the hit before.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub fn prefetch_hits(mesh: &Mesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
+pub fn prefetch_hits(mesh: &TriangleMesh, hits: &[Hit], rays: &[u32], at: usize, lanes: usize) {
     if mesh.triangles.len() < MIN_PREFETCHED {
         return;
     }

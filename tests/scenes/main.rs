@@ -11,8 +11,8 @@ use raystream::geom::Placement;
 use raystream::render::{AmbientOcclusion, Integrator, PathTracer, Settings, Whitted};
 use raystream::scene::{
     Alpha, AlphaMode, Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment,
-    EnvironmentMap, Instance, Iridescence, Light, LightShape, Material, Medium, Mesh, Mipmap, Mix, NormalMap,
-    Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, Wrap,
+    EnvironmentMap, Instance, Iridescence, Light, LightShape, Material, Medium, Mipmap, Mix, NormalMap,
+    Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
 };
 use raystream::schedule::{JobOptions, Renderer, Service, ServiceOptions};
 use std::sync::Arc;
@@ -46,7 +46,7 @@ fn hash<I: Integrator + Renderer>(service: &Service, prepared: &PreparedScene, i
 /// A scene with every kind of part: two textures, a mix of mixes, all layers, a shape with two instances, lights of
 /// every kind, an environment map, normals, two sets of texture coordinates, tangents and colours.
 fn everything() -> Scene {
-    let mut scene = Scene::new(Mesh::default(), materials());
+    let mut scene = Scene::new(TriangleMesh::default(), materials());
     scene.textures = vec![texture(0), texture(1)];
     let share = Scalar { factor: 0.5, texture: Some((TextureRef::plain(0), Channel::R)) };
     scene.mixes = vec![Mix { of: [0, 1], share }, Mix { of: [5, 2], share: Scalar::constant(0.25) }];
@@ -141,7 +141,7 @@ fn lights() -> Vec<Light> {
 
 /// Adds a unit square that faces z, with all attributes of vertices.
 fn quad(scene: &mut Scene, corner: Vec3, material: u32) {
-    let Mesh { positions, normals, uvs, more_uvs, tangents, colours, triangles, materials, .. } =
+    let TriangleMesh { positions, normals, uvs, more_uvs, tangents, colours, triangles, materials, .. } =
         &mut *scene.mesh;
     more_uvs.resize(1, Vec::new());
     let base = positions.len() as u32;

@@ -24,7 +24,7 @@ fn short_and_long_arrays_are_refused() {
         (refused(|s| s.mesh.more_uvs[0].truncate(7)), "a further set of texture coordinates: 7 entries"),
         (refused(|s| s.mesh.materials.truncate(19)), "materials per triangle: 19 entries"),
         (refused(|s| s.mesh.triangles.clear()), "materials per triangle"),
-        (refused(|s| s.mesh = Mesh::default().into()), "no triangles"),
+        (refused(|s| s.mesh = TriangleMesh::default().into()), "no triangles"),
     ] {
         assert!(message.contains(part), "{message}");
     }

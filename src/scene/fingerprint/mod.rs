@@ -24,7 +24,7 @@ mod materials;
 #[cfg(test)]
 mod tests;
 
-use super::{Environment, EnvironmentMap, Light, LightShape, Mesh, Scene};
+use super::{Environment, EnvironmentMap, Light, LightShape, Scene, TriangleMesh};
 use glam::{Vec2, Vec3};
 use std::fmt::Debug;
 use xxhash_rust::xxh3::Xxh3;
@@ -168,7 +168,7 @@ impl<A: Encode, B: Encode> Encode for (A, B) {
     }
 }
 
-impl Encode for Mesh {
+impl Encode for TriangleMesh {
     fn encode(&self, to: &mut Encoder) {
         let Self { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = self;
         to.rows(positions);

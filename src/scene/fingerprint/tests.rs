@@ -4,9 +4,9 @@ use super::{Encode, Encoder, FINGERPRINT_VERSION};
 use crate::lanes::Lanes;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
-    Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mesh,
-    Mipmap, Mix, NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen,
-    Surface, Texture, TextureRef, Wrap,
+    Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mipmap,
+    Mix, NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef, TriangleMesh, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -274,8 +274,8 @@ fn every_field_of_textures_lights_and_meshes_counts() {
         except { name: "another".into() }
     );
     each_field_counts!(
-        Mesh::default(),
-        Mesh {
+        TriangleMesh::default(),
+        TriangleMesh {
             positions: vec![Vec3::ZERO; 12],
             normals: vec![Vec3::ZERO; 12],
             uvs: vec![Vec2::ZERO; 12],
@@ -304,11 +304,11 @@ impl Procedural for Code {
 /// A triangle under a point light.
 fn scene() -> Scene {
     Scene {
-        mesh: Mesh {
+        mesh: TriangleMesh {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
             triangles: vec![[0, 1, 2]],
             materials: vec![0],
-            ..Mesh::default()
+            ..TriangleMesh::default()
         }
         .into(),
         materials: vec![Material::matte("grey", Vec3::splat(0.5))],

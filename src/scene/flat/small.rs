@@ -5,7 +5,7 @@ use super::arrays::{Reader, Writer};
 use crate::geom::Placement;
 use crate::scene::{
     Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance, Light, Material,
-    Mesh, Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, Wrap,
+    Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
@@ -123,8 +123,8 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
     Ok(())
 }
 
-fn put_mesh<'a>(mesh: &'a Mesh, arrays: &mut Writer<'a>) {
-    let Mesh { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = mesh;
+fn put_mesh<'a>(mesh: &'a TriangleMesh, arrays: &mut Writer<'a>) {
+    let TriangleMesh { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = mesh;
     arrays.put(positions);
     arrays.put(normals);
     arrays.put(uvs);
@@ -204,8 +204,8 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
     })
 }
 
-fn take_mesh(arrays: &mut Reader, more_uvs: u32) -> Result<Mesh, FlatError> {
-    let mut mesh = Mesh {
+fn take_mesh(arrays: &mut Reader, more_uvs: u32) -> Result<TriangleMesh, FlatError> {
+    let mut mesh = TriangleMesh {
         positions: arrays.take::<Vec3>()?,
         normals: arrays.take::<Vec3>()?,
         uvs: arrays.take::<Vec2>()?,

@@ -5,8 +5,8 @@ use crate::lanes::Lanes;
 use crate::memory::MemoryBudget;
 use crate::scene::{
     AnimatedNode, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment, EnvironmentMap,
-    Finish, Interpolation, Key, Light, LightShape, Material, Mesh, Mipmap, NamedCamera, Object, Points,
-    Principled, Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef, Track,
+    Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object, Points, Principled,
+    Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef, Track, TriangleMesh,
     Wrap,
 };
 use glam::{DQuat, DVec3, Vec2, Vec3, Vec4};
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 
 /// A scene with something in each field that a file may fill.
 fn scene() -> Scene {
-    let mut mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z], vec![[0, 1, 2], [0, 2, 3]]);
+    let mut mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z], vec![[0, 1, 2], [0, 2, 3]]);
     mesh.uvs = vec![Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE];
     mesh.more_uvs = vec![mesh.uvs.clone()];
     mesh.colours = vec![Vec4::splat(0.5); 4];

@@ -11,7 +11,7 @@ mod rooms;
 pub use nature::{fur, terrain};
 
 use crate::scene::load::{LoadError, load};
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Material, Scene, TriangleMesh};
 use glam::Vec3;
 use std::path::Path;
 
@@ -80,7 +80,7 @@ pub fn scene(source: &Path) -> Result<Scene, SourceError> {
 /// A scene of triangles of one matte material.
 pub fn matte((positions, triangles): Triangles) -> Scene {
     let materials = vec![0; triangles.len()];
-    let mesh = Mesh { positions, triangles, materials, ..Mesh::default() };
+    let mesh = TriangleMesh { positions, triangles, materials, ..TriangleMesh::default() };
     Scene { mesh: mesh.into(), materials: vec![Material::fallback()], ..Scene::default() }
 }
 

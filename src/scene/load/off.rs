@@ -6,7 +6,7 @@
 use super::dropped::Dropped;
 use super::session::Session;
 use super::{LoadProblem, check_text, plain, quote};
-use crate::scene::{Mesh, MeshSize, Scene, srgb};
+use crate::scene::{MeshSize, Scene, TriangleMesh, srgb};
 use glam::{Vec2, Vec3, Vec4};
 
 /// Bytes of the shortest line of a vertex and of a face.
@@ -62,7 +62,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let text = String::from_utf8_lossy(&bytes);
     let mut reader = Reader {
         lines: Lines::new(&text),
-        mesh: Mesh::default(),
+        mesh: TriangleMesh::default(),
         dropped: Dropped::default(),
         has_alpha: false,
     };
@@ -140,7 +140,7 @@ fn decode(colours: &mut [Vec4]) {
 /// The state of reading a file.
 struct Reader<'a> {
     lines: Lines<'a>,
-    mesh: Mesh,
+    mesh: TriangleMesh,
     dropped: Dropped,
     /// True if any colour has an alpha.
     has_alpha: bool,

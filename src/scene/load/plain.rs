@@ -1,7 +1,7 @@
 //! Scenes of files that hold one mesh and no materials.
 
 use super::warnings::Warnings;
-use crate::scene::{Alpha, AlphaMode, Material, Mesh, Object, Objects, Scene, SceneError};
+use crate::scene::{Alpha, AlphaMode, Material, Object, Objects, Scene, SceneError, TriangleMesh};
 use std::path::Path;
 
 /// The scene of a mesh in memory, as a file that holds it alone would give it: one object of this name, of the material
@@ -9,9 +9,9 @@ use std::path::Path;
 ///
 /// ```
 /// use raystream::glam::Vec3;
-/// use raystream::scene::{Mesh, load::scene_of_mesh};
+/// use raystream::scene::{TriangleMesh, load::scene_of_mesh};
 ///
-/// let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
+/// let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
 /// let scene = scene_of_mesh(mesh, "paper")?;
 /// assert_eq!(scene.materials[0].name, "default");
 /// # Ok::<(), raystream::scene::SceneError>(())
@@ -19,7 +19,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// What [`Scene::validate`] finds, and colours that are not from 0 to 1.
-pub fn scene_of_mesh(mut mesh: Mesh, name: &str) -> Result<Scene, SceneError> {
+pub fn scene_of_mesh(mut mesh: TriangleMesh, name: &str) -> Result<Scene, SceneError> {
     mesh.check_colours()?;
     for normal in mesh.normals.iter_mut().filter(|normal| normal.is_finite()) {
         *normal = normal.normalize_or_zero();
@@ -44,7 +44,12 @@ fn object(name: &str) -> Objects {
 
 /// The scene of a mesh. All triangles are matte, of the vertices' colours or grey. `has_alpha` says whether the file
 /// gives the colours an alpha.
-pub(super) fn scene(mut mesh: Mesh, objects: Objects, has_alpha: bool, warnings: &mut Warnings) -> Scene {
+pub(super) fn scene(
+    mut mesh: TriangleMesh,
+    objects: Objects,
+    has_alpha: bool,
+    warnings: &mut Warnings,
+) -> Scene {
     mesh.materials = vec![0; mesh.triangles.len()];
     let materials = vec![material(&mesh, has_alpha, warnings)];
     let (mesh, objects) = (mesh.into(), objects.into());
@@ -52,7 +57,7 @@ pub(super) fn scene(mut mesh: Mesh, objects: Objects, has_alpha: bool, warnings:
 }
 
 /// The material of a mesh: of its colours if it has any.
-fn material(mesh: &Mesh, has_alpha: bool, warnings: &mut Warnings) -> Material {
+fn material(mesh: &TriangleMesh, has_alpha: bool, warnings: &mut Warnings) -> Material {
     if mesh.colours.is_empty() {
         return Material::fallback();
     }
@@ -73,15 +78,15 @@ mod tests {
     use super::*;
     use glam::{Vec3, Vec4};
 
-    fn triangle() -> Mesh {
-        Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]])
+    fn triangle() -> TriangleMesh {
+        TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]])
     }
 
     #[test]
     fn meshes_in_memory_are_checked_and_coloured() {
         let plain = scene_of_mesh(triangle(), "a").expect("a scene");
         assert_eq!(plain.materials, [Material::fallback()]);
-        let coloured = |colour| scene_of_mesh(Mesh { colours: vec![colour; 3], ..triangle() }, "a");
+        let coloured = |colour| scene_of_mesh(TriangleMesh { colours: vec![colour; 3], ..triangle() }, "a");
         let opaque = coloured(Vec4::new(0.0, 0.5, 1.0, 1.0)).expect("a scene");
         assert_eq!(opaque.materials, [Material::vertex_coloured()]);
         let clear = coloured(Vec4::splat(0.5)).expect("a scene");
@@ -91,10 +96,10 @@ mod tests {
         assert!(told(coloured(Vec4::splat(255.0))).contains("vertex 0 has 255"));
         assert!(told(coloured(Vec4::splat(f32::NAN))).contains("NaN"));
         let normals = vec![Vec3::Z * 3.0, Vec3::ZERO, Vec3::Z];
-        let smooth = scene_of_mesh(Mesh { normals, ..triangle() }, "a").expect("a scene");
+        let smooth = scene_of_mesh(TriangleMesh { normals, ..triangle() }, "a").expect("a scene");
         assert_eq!(smooth.mesh.normals, [Vec3::Z, Vec3::ZERO, Vec3::Z]);
         let normals = vec![Vec3::INFINITY; 3];
-        assert!(told(scene_of_mesh(Mesh { normals, ..triangle() }, "a")).contains("normals"));
-        assert!(told(scene_of_mesh(Mesh::default(), "a")).contains("no triangles"));
+        assert!(told(scene_of_mesh(TriangleMesh { normals, ..triangle() }, "a")).contains("normals"));
+        assert!(told(scene_of_mesh(TriangleMesh::default(), "a")).contains("no triangles"));
     }
 }

@@ -5,7 +5,7 @@ use super::read_named;
 use super::warnings::Warnings;
 use super::{LoadOptions, LoadProblem, read};
 use crate::memory::OutOfMemory;
-use crate::scene::{Mesh, MeshSize};
+use crate::scene::{MeshSize, TriangleMesh};
 use std::path::{Path, PathBuf};
 
 /// The scene's file, the options, the warnings and named files so far, and the bytes that the scene holds so far.
@@ -81,7 +81,7 @@ impl Session {
     ///
     /// # Errors
     /// When the budget does not allow it, or the system does not give it.
-    pub(super) fn reserve(&mut self, mesh: &mut Mesh, size: MeshSize) -> Result<(), LoadProblem> {
+    pub(super) fn reserve(&mut self, mesh: &mut TriangleMesh, size: MeshSize) -> Result<(), LoadProblem> {
         self.hold(size.to_string(), size.bytes()).map_err(|source| self.over(source))?;
         size.reserve(mesh).map_err(|source| self.over(source))
     }

@@ -9,7 +9,7 @@ use super::dropped::Dropped;
 use super::plain::one_object;
 use super::session::Session;
 use super::{LoadProblem, plain, quote};
-use crate::scene::{Mesh, MeshSize, Object, Objects, Scene};
+use crate::scene::{MeshSize, Object, Objects, Scene, TriangleMesh};
 use glam::Vec3;
 use std::path::Path;
 
@@ -48,7 +48,7 @@ fn size_of(triangles: u32) -> u64 {
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let bytes = session.read()?;
     let path = session.path.clone();
-    let mut reader = Reader { mesh: Mesh::default(), dropped: Dropped::default() };
+    let mut reader = Reader { mesh: TriangleMesh::default(), dropped: Dropped::default() };
     let objects = if !is_binary(&bytes) && is_text(&bytes) {
         reader.text(&path, &bytes, session)?
     } else {
@@ -62,7 +62,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
 
 /// The triangles so far.
 struct Reader {
-    mesh: Mesh,
+    mesh: TriangleMesh,
     dropped: Dropped,
 }
 

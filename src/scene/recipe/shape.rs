@@ -1,7 +1,7 @@
 //! Generated shapes. Shared edges have the same vertex positions to the bit, so bodies are watertight.
 
 use super::{positive, readable, within};
-use crate::scene::{Mesh, MeshSize};
+use crate::scene::{MeshSize, TriangleMesh};
 use glam::{Quat, Vec2, Vec3};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use rayon::prelude::*;
@@ -161,7 +161,7 @@ impl Shape {
     }
 
     /// Appends the shape's triangles, as many as [`Shape::size`] says. An error names a number that is out of range.
-    pub(super) fn tessellate(&self, material: u32, mesh: &mut Mesh) -> Result<(), String> {
+    pub(super) fn tessellate(&self, material: u32, mesh: &mut TriangleMesh) -> Result<(), String> {
         match self {
             Self::Quad { corner, u, v, repeat } => {
                 let normal =
@@ -235,7 +235,7 @@ fn torus_knot(radius: f32, a: f32, b: f32) -> Vec3 {
 }
 
 /// A convex polygon as a fan of triangles.
-fn polygon(points: &[Vec3], material: u32, mesh: &mut Mesh) -> Result<(), String> {
+fn polygon(points: &[Vec3], material: u32, mesh: &mut TriangleMesh) -> Result<(), String> {
     if points.len() < 3 {
         return Err(format!("{} points; a polygon needs at least 3", points.len()));
     }
@@ -259,7 +259,7 @@ fn sphere(
     cells: u32,
     rough: Option<&FractalNoise>,
     material: u32,
-    mesh: &mut Mesh,
+    mesh: &mut TriangleMesh,
 ) -> Result<(), String> {
     positive("radius", radius)?;
     match rough {
@@ -297,7 +297,7 @@ fn grid(
     cells: [u32; 2],
     closed: [bool; 2],
     material: u32,
-    mesh: &mut Mesh,
+    mesh: &mut TriangleMesh,
     uv: impl Fn([f32; 2]) -> Vec2,
     surface: impl Fn([f32; 2]) -> (Vec3, Vec3) + Sync,
 ) {
@@ -320,7 +320,12 @@ fn grid(
 
 /// The surface of the cube −1..1, each face a grid. `place(face normal, point)` maps points to positions and normals.
 /// Points on shared edges are equal to the bit.
-fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3) + Sync) {
+fn cube(
+    cells: u32,
+    material: u32,
+    mesh: &mut TriangleMesh,
+    place: impl Fn(Vec3, Vec3) -> (Vec3, Vec3) + Sync,
+) {
     for side in 0..6 {
         let face = Vec3::AXES[side % 3] * if side < 3 { 1.0 } else { -1.0 };
         let right = Vec3::AXES[(side + 1) % 3];
@@ -347,8 +352,8 @@ fn cube(cells: u32, material: u32, mesh: &mut Mesh, place: impl Fn(Vec3, Vec3) -
 }
 
 /// Appends positions and normals, which all threads of rayon's pool compute: noise takes long.
-fn append_vertices(mesh: &mut Mesh, count: u32, vertex: impl Fn(u32) -> (Vec3, Vec3) + Sync) {
-    let Mesh { positions, normals, .. } = mesh;
+fn append_vertices(mesh: &mut TriangleMesh, count: u32, vertex: impl Fn(u32) -> (Vec3, Vec3) + Sync) {
+    let TriangleMesh { positions, normals, .. } = mesh;
     let (first_position, first_normal) = (positions.len(), normals.len());
     positions.resize(first_position + count as usize, Vec3::ZERO);
     normals.resize(first_normal + count as usize, Vec3::ZERO);
@@ -356,7 +361,7 @@ fn append_vertices(mesh: &mut Mesh, count: u32, vertex: impl Fn(u32) -> (Vec3, V
     appended.enumerate().for_each(|(k, (position, normal))| (*position, *normal) = vertex(k as u32));
 }
 
-fn quad([a, b, c, d]: [u32; 4], material: u32, mesh: &mut Mesh) {
+fn quad([a, b, c, d]: [u32; 4], material: u32, mesh: &mut TriangleMesh) {
     mesh.triangles.extend([[a, b, c], [a, c, d]]);
     mesh.materials.extend([material; 2]);
 }
@@ -366,16 +371,16 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    fn mesh(shape: &str) -> Mesh {
+    fn mesh(shape: &str) -> TriangleMesh {
         let shape: Shape = serde_json::from_str(shape).expect("shape");
-        let mut mesh = Mesh::default();
+        let mut mesh = TriangleMesh::default();
         shape.tessellate(0, &mut mesh).expect("in range");
         mesh.validate(1).expect("valid");
         mesh
     }
 
     /// Asserts that every edge of a closed body belongs to two triangles, which traverse it in opposite directions.
-    fn assert_closed(mesh: &Mesh) {
+    fn assert_closed(mesh: &TriangleMesh) {
         let mut edges: BTreeMap<[[u32; 3]; 2], i32> = BTreeMap::new();
         for t in 0..mesh.triangles.len() as u32 {
             let corners = mesh.corners(t).map(|p| (p + 0.0).to_array().map(f32::to_bits));

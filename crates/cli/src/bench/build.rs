@@ -3,14 +3,14 @@
 use super::super::args::BenchBuildArgs;
 use super::write;
 use anyhow::Result;
-use raystream::scene::Mesh;
+use raystream::scene::TriangleMesh;
 use raystream::scene::generate;
 use raystream_bench::build;
 
 /// Measures the builder beside its peers.
 pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let scene = generate::scene(&args.scene)?;
-    let Mesh { positions, triangles, .. } = &*scene.mesh;
+    let TriangleMesh { positions, triangles, .. } = &*scene.mesh;
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
     let embree = args.peers.embree.load()?;
     let rows = build::run(positions, triangles, embree.as_ref(), &options)?;

@@ -10,7 +10,7 @@ use super::material::Converted;
 use super::variant::MaterialsByPrimitive;
 use crate::geom::Placement;
 use crate::lanes::each;
-use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, Mesh, MeshError, MeshSize, Shape};
+use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, MeshError, MeshSize, Shape, TriangleMesh};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
@@ -35,7 +35,7 @@ impl Materials<'_> {
 /// The triangles of all nodes visited so far.
 pub(super) struct Flattened<'a> {
     materials: Materials<'a>,
-    mesh: Mesh,
+    mesh: TriangleMesh,
     instances: InstancesByGeometry<'a>,
     dropped: Dropped,
     uses_fallback: bool,
@@ -82,7 +82,7 @@ impl<'a> Flattened<'a> {
     pub(super) fn new(materials: Materials<'a>) -> Self {
         Self {
             materials,
-            mesh: Mesh::default(),
+            mesh: TriangleMesh::default(),
             instances: InstancesByGeometry::default(),
             dropped: Dropped::default(),
             uses_fallback: false,
@@ -93,7 +93,10 @@ impl<'a> Flattened<'a> {
     ///
     /// # Errors
     /// When an accessor cannot be read.
-    pub(super) fn finish(mut self, context: &mut Context) -> Result<(Mesh, Vec<Shape>, bool), LoadProblem> {
+    pub(super) fn finish(
+        mut self,
+        context: &mut Context,
+    ) -> Result<(TriangleMesh, Vec<Shape>, bool), LoadProblem> {
         let mesh = &mut self.mesh;
         self.dropped.finish(&mut mesh.positions, &mut context.session.warnings);
         let count = mesh.positions.len();

@@ -6,7 +6,9 @@ use super::camera::Cameras;
 use super::instancing::{Instancing, Transforms};
 use super::mesh::{self, Flattened, Materials};
 use super::object::ObjectsByNode;
-use crate::scene::{Instance, Light, LightShape, Mesh, MeshSize, NamedCamera, Objects, Shape, unit_rotation};
+use crate::scene::{
+    Instance, Light, LightShape, MeshSize, NamedCamera, Objects, Shape, TriangleMesh, unit_rotation,
+};
 use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
@@ -14,7 +16,7 @@ use glam::{DMat4, DQuat, DVec3, Vec3};
 
 /// The contents of a scene's nodes, in world space.
 pub(super) struct World {
-    pub(super) mesh: Mesh,
+    pub(super) mesh: TriangleMesh,
     pub(super) shapes: Vec<Shape>,
     pub(super) objects: Objects,
     pub(super) lights: Vec<Light>,

@@ -4,7 +4,7 @@ use super::super::dropped::Dropped;
 use super::super::warnings::Warnings;
 use super::super::{LoadProblem, quote};
 use super::{split_keyword, statements, words};
-use crate::scene::{Mesh, Object, Objects, srgb};
+use crate::scene::{Object, Objects, TriangleMesh, srgb};
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,7 +13,7 @@ use std::path::Path;
 #[derive(Debug, Default)]
 pub(super) struct Geometry {
     /// The triangles. Its `materials` are indices into `material_names`.
-    pub(super) mesh: Mesh,
+    pub(super) mesh: TriangleMesh,
     /// Objects and groups.
     pub(super) objects: Objects,
     /// The names that faces use, in order of their first use. `None` for faces before any `usemtl`.

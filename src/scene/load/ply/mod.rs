@@ -9,7 +9,7 @@ mod values;
 use super::dropped::Dropped;
 use super::session::Session;
 use super::{LoadProblem, plain, quote};
-use crate::scene::{Mesh, MeshSize, Scene, srgb};
+use crate::scene::{MeshSize, Scene, TriangleMesh, srgb};
 use glam::{Vec2, Vec3};
 use header::{Element, Form, Header, Property};
 use std::path::Path;
@@ -22,7 +22,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let bytes = session.read()?;
     let header = Header::read(&path, &bytes)?;
     let values = Values::new(&bytes, &header);
-    let (mesh, dropped) = (Mesh::default(), Dropped::default());
+    let (mesh, dropped) = (TriangleMesh::default(), Dropped::default());
     let mut reader = Reader { path: &path, values, mesh, dropped, has_alpha: false };
     for element in &header.elements {
         reader.element(element, session)?;
@@ -67,7 +67,7 @@ impl Role {
 struct Reader<'a> {
     path: &'a Path,
     values: Values<'a>,
-    mesh: Mesh,
+    mesh: TriangleMesh,
     dropped: Dropped,
     /// True if the vertices' colours have an alpha.
     has_alpha: bool,
