@@ -52,7 +52,7 @@ impl Destination {
     }
 }
 
-/// Writes a file; `encode` writes the content. Symbolic links are followed, and folders that are missing are made.
+/// Writes a file; `encode` writes the content. Symbolic links are followed.
 ///
 /// A regular file is replaced atomically: other processes see the old content or the whole new one. The permissions
 /// of an existing file are kept. Into a device or a pipe the whole content is copied once it is encoded.
@@ -69,10 +69,7 @@ pub fn write(
     encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), NotWritten> {
     let write = || match Destination::of(path)? {
-        Destination::Regular(path) => {
-            std::fs::create_dir_all(folder(&path))?;
-            replace(&path, encode)
-        }
+        Destination::Regular(path) => replace(&path, encode),
         Destination::Stream(path) => {
             let mut file = BufWriter::new(tempfile::tempfile().map_err(without_name)?);
             encode(&mut file)?;
@@ -101,8 +98,8 @@ fn replace(path: &Path, encode: impl FnOnce(&mut BufWriter<File>) -> io::Result<
     }
 }
 
-/// Looks whether a file can be written, before time is spent on its content. The file is neither created nor changed,
-/// and no folder is made.
+/// Looks whether a file can be written, before time is spent on its content. The file is neither created nor changed.
+/// Its folder may be missing, if [`make_folder`] can make it.
 ///
 /// # Errors
 /// If [`write`] would fail with what is known now.
@@ -113,6 +110,19 @@ pub fn check_writable(path: &Path) -> Result<(), NotWritten> {
         Destination::Stream(_) => Ok(()),
     };
     check().map_err(|source| NotWritten { path: path.into(), source })
+}
+
+/// Makes the folder that a file is to be written into, and those above it, if they are missing. Done once, before the
+/// work: a folder that vanishes later is an error, and no second one of its name appears.
+///
+/// # Errors
+/// If the file system refuses.
+pub fn make_folder(path: &Path) -> Result<(), NotWritten> {
+    let make = || match Destination::of(path)? {
+        Destination::Regular(path) => std::fs::create_dir_all(folder(&path)),
+        Destination::Stream(_) => Ok(()),
+    };
+    make().map_err(|source| NotWritten { path: path.into(), source })
 }
 
 /// The one path of the regular file that a path names or would create: equal for two paths that name one file. `None`
@@ -240,14 +250,17 @@ mod tests {
     }
 
     #[test]
-    fn missing_folders_are_made_when_a_file_is_written() {
+    fn missing_folders_are_made_once() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("new/set/a.png");
         check_writable(&path).expect("can be made");
         assert!(names(folder.path()).is_empty(), "to look makes nothing");
         let other = folder.path().join("new/../new/set/a.png");
         assert_eq!(identity(&path), Some(folder.path().canonicalize().expect("there").join("new/set/a.png")));
-        write(&path, |file| file.write_all(b"whole")).expect("written");
+        let whole = |file: &mut BufWriter<File>| file.write_all(b"whole");
+        write(&path, whole).expect_err("writing makes no folder");
+        make_folder(&path).expect("made");
+        write(&path, whole).expect("written");
         assert_eq!(std::fs::read(&path).expect("file"), b"whole");
         assert_eq!(identity(&path), identity(&other));
     }

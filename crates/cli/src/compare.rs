@@ -14,7 +14,7 @@ use std::path::Path;
 /// Compares two pictures.
 pub fn run(args: &CompareArgs) -> Result<Outcome> {
     let inputs = [("the reference", Some(&*args.reference)), ("the test picture", Some(&*args.test))];
-    Outputs::check([("-o", args.output.as_deref())], inputs)?;
+    Outputs::check([("-o", args.output.as_deref())], inputs)?.make_folders()?;
     let format = args.output.as_deref().map(Format::of).transpose()?;
     let mut metrics = args.metric.clone();
     metrics.extend(args.max.iter().chain(&args.min).map(|limit| limit.0));

@@ -20,7 +20,7 @@ const NAMED_GAPS: usize = 8;
 /// Adds up the films. All headers are compared before the first film is read, and one film is read at a time.
 pub fn run(args: &MergeArgs) -> Result<Outcome> {
     let began = Instant::now();
-    check_files(args)?;
+    check_files(args)?.make_folders()?;
     let header = join_headers(args)?;
     let (width, height) = header.size();
     let whole = Region::whole(width, height);

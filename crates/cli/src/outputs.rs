@@ -43,9 +43,15 @@ impl Outputs {
         Ok(all)
     }
 
-    /// Refuses to overwrite a file that a scene names.
+    /// Refuses to overwrite a file that a scene names; then makes the folders that are missing.
     pub fn check_files_of(&self, scene: &Scene) -> Result<()> {
-        scene.files.iter().try_for_each(|file| self.check_input("a file that the scene names", file))
+        scene.files.iter().try_for_each(|file| self.check_input("a file that the scene names", file))?;
+        self.make_folders()
+    }
+
+    /// Makes the folders of these files that are missing.
+    pub fn make_folders(&self) -> Result<()> {
+        self.0.values().try_for_each(|output| Ok(files::make_folder(&output.path)?))
     }
 
     /// Refuses to overwrite a file that is read.

@@ -272,7 +272,7 @@ fn eight_bits_are_dithered() {
         assert!((found - wanted).abs() < 0.15, "{found} {wanted}");
     }
     assert!(shown.iter().any(|&value| value != shown[0]));
-    let part = Region { x: 9, y: 5, width: 20, height: 7 };
+    let part = crate::film::Region { x: 9, y: 5, width: 20, height: 7 };
     picture.image = Image { width: 20, height: 7, pixels: part.crop(&picture.image.pixels, 64, 1) };
     picture.metadata.insert(Picture::REGION.into(), part.to_string());
     assert_eq!(png::samples(&picture, &look, PngBits::Eight), part.crop(&shown, 64, 3));
@@ -281,7 +281,7 @@ fn eight_bits_are_dithered() {
         Image { width: 256, height: 3, pixels: (0..768).map(|i| [(i % 256) as f32 / 255.0; 3]).collect() };
     let raw = png::samples(&Picture::new(exact), &look.with_view(View::Raw), PngBits::Eight);
     assert!(raw.chunks(3).enumerate().all(|(i, pixel)| pixel == [(i % 256) as u8; 3]));
-    let grey = Image { width: 9, height: 1, pixels: vec![[0.0; 3], [1.0; 3], [7.0; 3]].repeat(3) };
+    let grey = Image { width: 9, height: 1, pixels: [[0.0; 3], [1.0; 3], [7.0; 3]].repeat(3) };
     let shown = png::samples(&Picture::new(grey), &look, PngBits::Eight);
     assert_eq!(shown, [[0; 3], [255; 3], [255; 3]].concat().repeat(3));
 }

@@ -28,7 +28,7 @@ use std::path::Path;
 /// Runs a measurement.
 pub fn run(command: &BenchCommand) -> Result<Outcome> {
     let scenes = command.scenes().into_iter().map(|scene| ("the scene", Some(scene)));
-    Outputs::check([("--json", command.json())], scenes)?;
+    Outputs::check([("--json", command.json())], scenes)?.make_folders()?;
     match command {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),

@@ -44,7 +44,7 @@ struct Sheet<'a> {
 pub fn run(args: &FarmPlanArgs) -> Result<Outcome> {
     let outputs = [("--json", args.json.as_deref()), ("--plot", args.plot.as_deref())];
     let inputs = [("the costs", args.costs.as_deref()), ("the job", args.from_job.as_deref())];
-    Outputs::check(outputs, inputs)?;
+    Outputs::check(outputs, inputs)?.make_folders()?;
     if let Some(plot) = &args.plot {
         let is_svg = plot.extension().is_some_and(|extension| extension == "svg");
         ensure!(is_svg, "{}: a plot is written as .svg; give the file this extension", plot.display());

@@ -231,6 +231,7 @@ pub fn fetch(args: &FetchArgs) -> Result<Outcome> {
         args.output.display()
     );
     files::check_writable(&args.output)?;
+    files::make_folder(&args.output)?;
     let client = Client::new(&args.client)?;
     loop {
         let job = json_of(client.get(&format!("/api/v1/jobs/{id}"))?)?;
@@ -260,6 +261,7 @@ pub fn timeline(args: &TimelineArgs) -> Result<Outcome> {
     let is_json = args.output.extension().is_some_and(|extension| extension == "json");
     ensure!(is_json, "{path}: a timeline is written as .json; give the file this extension");
     files::check_writable(&args.output)?;
+    files::make_folder(&args.output)?;
     let client = Client::new(&args.client)?;
     let trace = json_of(client.get(&format!("/api/v1/jobs/{id}/timeline"))?)?;
     write(&args.output, trace.to_string().as_bytes())?;
