@@ -2,7 +2,7 @@
 
 use crate::arrays::{leading, numbers};
 use crate::calls::Given;
-use crate::mesh::{TriangleMesh, checked, faces_of};
+use crate::mesh::{Mesh, checked, faces_of};
 use crate::rays::rows_of;
 use crate::target::Vertices;
 use crate::threads::Threads;
@@ -104,7 +104,7 @@ impl Scene {
     ///
     /// # Errors
     /// If the mesh has no triangles.
-    pub fn of_mesh(mesh: &Bound<'_, TriangleMesh>) -> PyResult<Self> {
+    pub fn of_mesh(mesh: &Bound<'_, Mesh>) -> PyResult<Self> {
         let target = Mesh::of(mesh)?;
         let positions = match &target.vertices {
             Vertices::F32(vertices) => vertices.iter().copied().map(Vec3::from).collect(),

@@ -51,6 +51,16 @@ fn a_job_has_the_bytes_of_the_command_line() {
         let hash = rendered(&cornell, &[&["--size", "24x16"], arguments].concat());
         assert_eq!(service.hashes(&id), [hash], "{options}");
     }
+
+    let id = service.submit(&scene, &json!({ "size": "24x16", "spp": 4, "denoise": true }));
+    let plain = rendered(&cornell, &["--size", "24x16", "--spp", "4"]);
+    assert_eq!(service.hashes(&id), [plain], "of the noisy picture");
+    let file = data.path().join("denoised.npy");
+    let [scene, name] = [&cornell, &file].map(|path| path.to_str().expect("UTF-8"));
+    let wanted = ["render", scene, "--size", "24x16", "--spp", "4", "--denoise", "-o", name];
+    assert!(raystream(&wanted).status.success());
+    let answer = service.get(&format!("/api/v1/jobs/{id}/frames/0.npy"));
+    assert_eq!(answer.body, std::fs::read(file).expect("the picture"), "denoised alike");
 }
 
 #[test]
