@@ -164,11 +164,7 @@ pub fn run(
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
-    let recorder = measurements::builder().map_err(io::Error::other)?.build_recorder();
-    let metrics = recorder.handle();
-    // A process has one recorder; a second service of a test shares it.
-    let _ = metrics::set_global_recorder(recorder);
-    measurements::describe();
+    let metrics = measurements::record().map_err(io::Error::other)?;
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
     let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
