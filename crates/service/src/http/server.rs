@@ -20,6 +20,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 
 /// Requests that have begun get this long to end.
@@ -187,12 +188,7 @@ pub fn run(
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .thread_name("http")
-        .enable_io()
-        .enable_time()
-        .build()?;
+    let runtime = runtime()?;
     let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
     let _steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
@@ -201,6 +197,12 @@ pub fn run(
     runner.stop();
     runtime.shutdown_timeout(GRACE);
     served
+}
+
+/// The threads that answer requests.
+fn runtime() -> io::Result<Runtime> {
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    builder.worker_threads(2).thread_name("http").enable_io().enable_time().build()
 }
 
 async fn serve(
