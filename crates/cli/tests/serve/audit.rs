@@ -25,13 +25,8 @@ fn lines(path: &Path, what: &str, is_so: impl Fn(&Value) -> bool) -> Vec<Value> 
     }
 }
 
-#[test]
-fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
-    let data = folder();
-    let log = data.path().join("log");
-    let service = Service::start_logging(data.path(), &["--log-format", "json"], &log);
-    let ann = add(data.path(), &["ann"]);
-    let scene = service.upload_file(&shipped("cornell.json"));
+/// Submits a job by a request with a name, and reads of both in the log.
+fn named_job(service: &Service, scene: &str, log: &Path) -> String {
     let named = [("Content-Type", "application/json"), ("X-Request-Id", "nightly-7")];
     let body = json!({ "scene": scene, "size": "8x8", "spp": 1 }).to_string().into_bytes();
     let answer = service.send("POST", "/api/v1/jobs", &named, body);
@@ -47,7 +42,7 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
     }
     let is_done =
         |line: &Value| line["job"] == *id && line["message"].as_str().is_some_and(|m| m.starts_with("done"));
-    let logged = lines(&log, "the job's end", is_done);
+    let logged = lines(log, "the job's end", is_done);
     let steps: Vec<&str> = logged
         .iter()
         .filter(|line| line["job"] == *id)
@@ -64,6 +59,17 @@ fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
         let has_all = line["time_ms"].is_u64() && line["level"].is_string() && line["target"].is_string();
         assert!(has_all && line["message"].is_string(), "{line}");
     }
+    id
+}
+
+#[test]
+fn each_step_of_a_job_is_in_the_log_and_who_did_what_in_the_record() {
+    let data = folder();
+    let log = data.path().join("log");
+    let service = Service::start_logging(data.path(), &["--log-format", "json"], &log);
+    let ann = add(data.path(), &["ann"]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let id = named_job(&service, &scene, &log);
 
     let path = format!("/api/v1/jobs/{id}");
     assert_eq!(send(&service, "wrong", "GET", &path, None).status, 401);

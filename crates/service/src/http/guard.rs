@@ -125,16 +125,21 @@ pub async fn admit(
         Ok(shown) => state.blocking(move |state| caller(state, shown)).await,
         Err(problem) => Err(problem),
     };
-    match checked.and_then(|caller| caller.check(access.role()).map(|()| caller)) {
-        Ok(caller) => {
+    let caller = match checked {
+        Ok(caller) => caller,
+        Err(problem) => return problem.into_response(),
+    };
+    let mut response = match caller.check(access.role()) {
+        Ok(()) => {
             peer(&request).into_iter().for_each(|peer| state.connections().trust(peer));
             request.extensions_mut().insert(caller.clone());
-            let mut response = next.run(request).await;
-            response.extensions_mut().insert(caller);
-            response
+            next.run(request).await
         }
         Err(problem) => problem.into_response(),
-    }
+    };
+    // For the audit log.
+    response.extensions_mut().insert(caller);
+    response
 }
 
 /// The caller of what was shown.

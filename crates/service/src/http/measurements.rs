@@ -1,6 +1,6 @@
 //! The measurements that `GET /metrics` shows: what each is of, and the bounds of their histograms.
 
-use metrics_exporter_prometheus::{BuildError, Matcher, PrometheusBuilder};
+use metrics_exporter_prometheus::{BuildError, Matcher, PrometheusBuilder, PrometheusHandle};
 
 /// The kind of a measurement.
 #[derive(Clone, Copy, Debug)]
@@ -62,19 +62,25 @@ const ALL: [(&str, Kind, &str); 28] = [
     ("raystream_workers", Gauge, "Workers by state."),
 ];
 
-/// A builder of the recorder, whose times are histograms that can be added up over machines.
+/// Starts to record. Times are histograms, which can be added up over machines.
 ///
 /// # Errors
 /// None, as long as each histogram has bounds.
-pub fn builder() -> Result<PrometheusBuilder, BuildError> {
-    ALL.iter().try_fold(PrometheusBuilder::new(), |builder, (name, kind, _)| match kind {
+pub fn record() -> Result<PrometheusHandle, BuildError> {
+    let builder = ALL.iter().try_fold(PrometheusBuilder::new(), |builder, (name, kind, _)| match kind {
         Histogram(bounds) => builder.set_buckets_for_metric(Matcher::Full((*name).into()), bounds),
         Counter | Gauge => Ok(builder),
-    })
+    });
+    let recorder = builder?.build_recorder();
+    let handle = recorder.handle();
+    // A process has one recorder; a second service of a test shares it.
+    let _ = metrics::set_global_recorder(recorder);
+    describe();
+    Ok(handle)
 }
 
 /// Says what the measurements are of. Those that alerts look at have a value from the start.
-pub fn describe() {
+fn describe() {
     for (name, kind, help) in ALL {
         match kind {
             Counter => metrics::describe_counter!(name, help),

@@ -20,6 +20,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 
 /// Requests that have begun get this long to end.
@@ -164,11 +165,7 @@ pub fn run(
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
-    let recorder = measurements::builder().map_err(io::Error::other)?.build_recorder();
-    let metrics = recorder.handle();
-    // A process has one recorder; a second service of a test shares it.
-    let _ = metrics::set_global_recorder(recorder);
-    measurements::describe();
+    let metrics = measurements::record().map_err(io::Error::other)?;
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
     let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
@@ -191,12 +188,7 @@ pub fn run(
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .thread_name("http")
-        .enable_io()
-        .enable_time()
-        .build()?;
+    let runtime = runtime()?;
     let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
     let _steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
@@ -205,6 +197,12 @@ pub fn run(
     runner.stop();
     runtime.shutdown_timeout(GRACE);
     served
+}
+
+/// The threads that answer requests.
+fn runtime() -> io::Result<Runtime> {
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    builder.worker_threads(2).thread_name("http").enable_io().enable_time().build()
 }
 
 async fn serve(

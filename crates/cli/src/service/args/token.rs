@@ -40,8 +40,8 @@ pub struct TokenAddArgs {
     /// Tenant whose jobs and scenes it reaches; its tokens share them [default: the token's name].
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub tenant: Option<String>,
-    /// Role: metrics, which sees measurements alone; read, submit or admin, each of which may do what those before
-    /// it may.
+    /// Role: metrics, which sees measurements alone; read; submit; admin. Each of the last three may do what those
+    /// before it may.
     #[arg(long, value_name = "ROLE", default_value = "submit")]
     pub role: Role,
     /// Most jobs of the tenant that have not ended [default: no bound of its own].

@@ -95,11 +95,7 @@ fn accept(
         }
         shared_after = Some(job.seq);
     }
-    let mut random = [0; 8];
-    getrandom::fill(&mut random).map_err(|error| {
-        Problem::new(StatusCode::SERVICE_UNAVAILABLE, format!("there are no random numbers: {error}"))
-    })?;
-    let id = hex(&random);
+    let id = new_id()?;
     let new = NewJob {
         id: id.clone(),
         tenant: caller.tenant().to_owned(),
@@ -139,6 +135,15 @@ fn accept(
             Err(Problem::limit(StatusCode::TOO_MANY_REQUESTS, "open_jobs", most, detail))
         }
     }
+}
+
+/// A name for a job.
+fn new_id() -> Result<String, Problem> {
+    let mut random = [0; 8];
+    getrandom::fill(&mut random).map_err(|error| {
+        Problem::new(StatusCode::SERVICE_UNAVAILABLE, format!("there are no random numbers: {error}"))
+    })?;
+    Ok(hex(&random))
 }
 
 /// The refusal of another call for a job.
