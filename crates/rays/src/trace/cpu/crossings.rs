@@ -6,6 +6,7 @@
 //! which a [`TriangleSink`] tests one by one.
 //!
 //! Unsafe code for rows, rays, lists and pairs. Invariants 1 to 7 are those of `substream` and `child_lists`.
+//! 8. What a vector is written to has an element for each of its lanes.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::instance_space::{Space, splat_triangle};
@@ -400,7 +401,7 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
         // SAFETY: invariants 4 and 5.
         let (stored, corners) = unsafe { sub.tree.blocks.gather(w, children, rows) };
         let mut offsets = [0; MAX_LANES];
-        // SAFETY: `offsets` has an element for each lane.
+        // SAFETY: invariant 8, as `offsets` has the most lanes.
         unsafe { w.store_u32(offsets.as_mut_ptr(), w.and_u32(ids, w.splat_u32(!(WIDTH as u32 - 1)))) };
         // SAFETY: invariant 1.
         let [ox, oy, oz, t_min, dx, dy, dz, t_max] = unsafe { w.rows(sub.rays.cast(), offsets.as_ptr()) };
@@ -433,7 +434,7 @@ impl<W: Lanes, E: Lanes, S: Space> CandidateVisitor<'_, '_, W, E, S> {
 #[inline(always)]
 fn put<L: Lanes>(l: L, at: usize, column: &mut [f32; MAX_BATCH], numbers: L::F) {
     let to = &mut column[at..at + L::LANES];
-    // SAFETY: `to` has an element for each lane.
+    // SAFETY: invariant 8, as `to` is cut.
     unsafe { l.store(to.as_mut_ptr(), numbers) };
 }
 
@@ -441,7 +442,7 @@ fn put<L: Lanes>(l: L, at: usize, column: &mut [f32; MAX_BATCH], numbers: L::F) 
 #[inline(always)]
 fn put_u32<L: Lanes>(l: L, at: usize, column: &mut [u32; MAX_BATCH], numbers: L::I) {
     let to = &mut column[at..at + L::LANES];
-    // SAFETY: `to` has an element for each lane.
+    // SAFETY: invariant 8, as `to` is cut.
     unsafe { l.store_u32(to.as_mut_ptr(), numbers) };
 }
 
