@@ -90,8 +90,8 @@ impl Queries {
     /// `want` names what is computed, and nothing else is: t, primitive (the row of `faces`), instance, uv (weights
     /// of the second and third corner), normal (geometric, of length 1, on the side from which corners are seen
     /// counterclockwise), shading_normal (interpolated between the mesh's `normals`, and turned as its instance is),
-    /// position, position64, attribute (of the triangle). `out` has arrays to write to by the names of columns, or is an
-    /// earlier answer.
+    /// position, position64, attribute (of the triangle). `out` has arrays to write to by the names of columns, or is
+    /// an earlier answer.
     ///
     /// With `rule="closed"` edges and corners belong to all their triangles: no ray slips through, of equally near
     /// triangles the first is hit. With "half-open" it is the one that a ray moved by an infinitesimal amount would

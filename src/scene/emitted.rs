@@ -1,15 +1,20 @@
 //! Light that the surfaces of a scene emit: whether it lights what a camera sees.
 
 use super::{Camera, Emission, Projection, Scene, Surface, TextureRef};
+use crate::geom::Aabb;
 use crate::lanes::Num;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rays of the probe in each direction of the picture.
 const SIDE: u32 = 7;
 
-/// Triangles that are tested at a time.
+/// Triangles that a thread tests at a time.
 const AT_ONCE: usize = 1 << 14;
+
+/// Triangles with a common box, which few segments meet: files store neighbours one after the other.
+const IN_A_BOX: usize = 64;
 
 /// The least direct light, as mean over the probe, that lights a scene: that of a sky of this radiance.
 const LEAST_DIRECT: f64 = 0.02;
@@ -29,6 +34,18 @@ struct Segment {
     origin: Vec3,
     direction: Vec3,
     end: f32,
+}
+
+impl Segment {
+    /// False if the segment misses a box, by more than rounding errors.
+    fn may_meet(&self, bounds: &Aabb) -> bool {
+        const LEAST: f32 = 1e-30;
+        let inverse = self.direction.map(|d| 1.0 / if d.abs() < LEAST { LEAST } else { d });
+        let margin = 1e-5 * (bounds.max - bounds.min).max_element();
+        let a = (bounds.min - margin - self.origin) * inverse;
+        let b = (bounds.max + margin - self.origin) * inverse;
+        a.min(b).max_element().max(0.0) <= a.max(b).min_element().min(self.end)
+    }
 }
 
 /// A triangle that emits.
@@ -145,21 +162,37 @@ impl Scene {
         (segment, share * std::f32::consts::FRAC_1_PI)
     }
 
+    /// Looks among these triangles for one that blocks a segment nearer than what was found so far.
+    fn nearest_of(
+        &self,
+        primitives: Range<u32>,
+        segment: &Segment,
+        blocks: &[bool],
+        nearest: &mut Option<(f32, u32)>,
+    ) {
+        for primitive in primitives {
+            if !blocks[self.mesh.materials[primitive as usize] as usize] {
+                continue;
+            }
+            let end = nearest.map_or(segment.end, |(t, _)| t);
+            if let Some(t) = distance(segment, self.mesh.corners(primitive)).filter(|&t| t < end) {
+                *nearest = Some((t, primitive));
+            }
+        }
+    }
+
     /// The nearest surface that blocks each segment: its distance, and the triangle.
     fn nearest(&self, segments: &[Segment], blocks: &[bool]) -> Vec<Option<(f32, u32)>> {
         let mesh = &self.mesh;
         let of_part = |part: usize| {
             let mut nearest: Vec<Option<(f32, u32)>> = vec![None; segments.len()];
-            let end = ((part + 1) * AT_ONCE).min(mesh.triangles.len()) as u32;
-            for primitive in (part * AT_ONCE) as u32..end {
-                if !blocks[mesh.materials[primitive as usize] as usize] {
-                    continue;
-                }
-                let corners = mesh.corners(primitive);
+            let end = ((part + 1) * AT_ONCE).min(mesh.triangles.len());
+            for first in (part * AT_ONCE..end).step_by(IN_A_BOX) {
+                let primitives = first as u32..end.min(first + IN_A_BOX) as u32;
+                let bounds = Aabb::around(primitives.clone().flat_map(|primitive| mesh.corners(primitive)));
                 for (segment, nearest) in segments.iter().zip(&mut nearest) {
-                    let end = nearest.map_or(segment.end, |(t, _)| t);
-                    if let Some(t) = distance(segment, corners).filter(|&t| t < end) {
-                        *nearest = Some((t, primitive));
+                    if segment.may_meet(&bounds) {
+                        self.nearest_of(primitives.clone(), segment, blocks, nearest);
                     }
                 }
             }
