@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::backend::{FrameId, JobCost, StopRule};
+use crate::coordinator::Webhook;
 use raystream::schedule::Priority;
 
 fn new(id: &str, key: Option<&str>) -> NewJob {

@@ -225,6 +225,7 @@ mod tests {
             error: None,
             is_planned: true,
             spent_ms: 0,
+            is_pinned: false,
         }
     }
 
