@@ -34,16 +34,21 @@ struct Segment {
     origin: Vec3,
     direction: Vec3,
     end: f32,
+    /// Reciprocals of the direction, finite.
+    inverse: Vec3,
 }
 
 impl Segment {
-    /// False if the segment misses a box, by more than rounding errors.
-    fn may_meet(&self, bounds: &Aabb) -> bool {
+    fn new(origin: Vec3, direction: Vec3, end: f32) -> Self {
         const LEAST: f32 = 1e-30;
-        let inverse = self.direction.map(|d| 1.0 / if d.abs() < LEAST { LEAST } else { d });
-        let margin = 1e-5 * (bounds.max - bounds.min).max_element();
-        let a = (bounds.min - margin - self.origin) * inverse;
-        let b = (bounds.max + margin - self.origin) * inverse;
+        let inverse = direction.map(|d| 1.0 / if d.abs() < LEAST { LEAST } else { d });
+        Self { origin, direction, end, inverse }
+    }
+
+    /// False if the segment misses a box.
+    fn may_meet(&self, bounds: &Aabb) -> bool {
+        let a = (bounds.min - self.origin) * self.inverse;
+        let b = (bounds.max - self.origin) * self.inverse;
         a.min(b).max_element().max(0.0) <= a.max(b).min_element().min(self.end)
     }
 }
@@ -78,7 +83,7 @@ impl Scene {
             let normal = if normal.dot(segment.direction) > 0.0 { -normal } else { normal };
             let origin = point + normal * (1e-4 * t);
             let [u, v, w] = randoms(i);
-            outwards.push(Segment { origin, direction: scattered(normal, [u, v]), end: f32::INFINITY });
+            outwards.push(Segment::new(origin, scattered(normal, [u, v]), f32::INFINITY));
             let at = emitters.partition_point(|emitter| emitter.sum < f64::from(w) * power);
             let emitter = &emitters[at.min(emitters.len() - 1)];
             to_light.push(self.towards(emitter, [u, v], origin, normal));
@@ -151,7 +156,7 @@ impl Scene {
         // Folded into the triangle.
         let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
         let direction = a + (b - a) * u + (c - a) * v - origin;
-        let segment = Segment { origin, direction, end: 0.999 };
+        let segment = Segment::new(origin, direction, 0.999);
         let (Some(towards), Some(facing)) = (direction.try_normalize(), (b - a).cross(c - a).try_normalize())
         else {
             return (segment, 0.0);
@@ -165,16 +170,16 @@ impl Scene {
     /// Looks among these triangles for one that blocks a segment nearer than what was found so far.
     fn nearest_of(
         &self,
-        primitives: Range<u32>,
+        primitives: Range<usize>,
         segment: &Segment,
         blocks: &[bool],
         nearest: &mut Option<(f32, u32)>,
     ) {
         for primitive in primitives {
-            if !blocks[self.mesh.materials[primitive as usize] as usize] {
+            if !blocks[self.mesh.materials[primitive] as usize] {
                 continue;
             }
-            let end = nearest.map_or(segment.end, |(t, _)| t);
+            let (end, primitive) = (nearest.map_or(segment.end, |(t, _)| t), primitive as u32);
             if let Some(t) = distance(segment, self.mesh.corners(primitive)).filter(|&t| t < end) {
                 *nearest = Some((t, primitive));
             }
@@ -187,12 +192,19 @@ impl Scene {
         let of_part = |part: usize| {
             let mut nearest: Vec<Option<(f32, u32)>> = vec![None; segments.len()];
             let end = ((part + 1) * AT_ONCE).min(mesh.triangles.len());
-            for first in (part * AT_ONCE..end).step_by(IN_A_BOX) {
-                let primitives = first as u32..end.min(first + IN_A_BOX) as u32;
-                let bounds = Aabb::around(primitives.clone().flat_map(|primitive| mesh.corners(primitive)));
-                for (segment, nearest) in segments.iter().zip(&mut nearest) {
-                    if segment.may_meet(&bounds) {
-                        self.nearest_of(primitives.clone(), segment, blocks, nearest);
+            let all = part * AT_ONCE..end;
+            let box_of =
+                |of: Range<usize>| Aabb::around(of.flat_map(|primitive| mesh.corners(primitive as u32)));
+            let boxes: Vec<Aabb> =
+                all.clone().step_by(IN_A_BOX).map(|first| box_of(first..end.min(first + IN_A_BOX))).collect();
+            let bounds = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union);
+            for (segment, nearest) in segments.iter().zip(&mut nearest) {
+                if !segment.may_meet(&bounds) {
+                    continue;
+                }
+                for (first, bounds) in all.clone().step_by(IN_A_BOX).zip(&boxes) {
+                    if segment.may_meet(bounds) {
+                        self.nearest_of(first..end.min(first + IN_A_BOX), segment, blocks, nearest);
                     }
                 }
             }
@@ -225,11 +237,8 @@ fn probe(camera: &Camera) -> Vec<Segment> {
     };
     let half = libm::tanf(0.5 * fov_degrees.to_radians());
     let place = |i: u32| half * ((i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0);
-    let ray = |i: u32| Segment {
-        origin: camera.eye,
-        direction: (forward + right * place(i % SIDE) + up * place(i / SIDE)).normalize(),
-        end: f32::INFINITY,
-    };
+    let towards = |i: u32| (forward + right * place(i % SIDE) + up * place(i / SIDE)).normalize();
+    let ray = |i: u32| Segment::new(camera.eye, towards(i), f32::INFINITY);
     (0..SIDE * SIDE).map(ray).collect()
 }
 

@@ -123,8 +123,8 @@ pub trait RayQueries {
     }
 
     /// Makes room in empty columns for the first `most` hits of every ray, by counting those of one ray in 256. Calls
-    /// of [`RayQueries::append_hits`] for parts of the rays then copy nothing that is in the columns. Nothing happens if
-    /// there is not enough memory, or if there are few rays.
+    /// of [`RayQueries::append_hits`] for parts of the rays then copy nothing that is in the columns. Nothing happens
+    /// if there is not enough memory, or if there are few rays.
     fn expect_hits(&self, rays: &Rays<'_>, rule: Rule, most: usize, columns: &mut HitListColumns) {
         self.target().expect_hits(rays, rule, most, columns);
     }
