@@ -162,7 +162,7 @@ mod tests {
         write_picture(&path, &Picture::new(picture.image.clone()), &look, &WriteOptions::default())
             .expect("png");
         let Content::Shown(image) = read_image(&path).expect("png") else { panic!("shown") };
-        assert!((image.pixels[0][1] - 0.7354).abs() < 0.002, "sRGB of a half");
+        assert!((image.pixels[0][1] - 0.7354).abs() < 0.004, "sRGB of a half, rounded up or down");
         let linear = Content::Shown(image).into_radiance();
         assert!((linear.pixels[0][1] - 0.5).abs() < 0.005);
     }

@@ -70,9 +70,9 @@ impl Scene {
         let (emitters, area) = self.emitters();
         let Some(power) = emitters.last().map(|last| last.sum) else { return false };
         let camera = self.camera.unwrap_or_else(|| Camera::framing(&self.bounds(), 1.0));
-        let blocks = self.blocks();
+        let (blocks, boxes) = (self.blocks(), self.boxes());
         let seen = probe(&camera);
-        let hits = self.nearest(&seen, &blocks);
+        let hits = self.nearest(&seen, &blocks, &boxes);
         let (mut points, mut to_light, mut outwards) = (0, Vec::new(), Vec::new());
         for (i, (segment, hit)) in (0..).zip(seen.iter().zip(hits)) {
             let Some((t, primitive)) = hit else { continue };
@@ -92,12 +92,12 @@ impl Scene {
             return false;
         }
         let shadow: Vec<Segment> = to_light.iter().map(|&(segment, _)| segment).collect();
-        let shadowed = self.nearest(&shadow, &blocks);
+        let shadowed = self.nearest(&shadow, &blocks, &boxes);
         let direct = to_light.iter().zip(shadowed).filter(|(_, hit)| hit.is_none());
         // Each point samples all emitters by their power: luminance cancels, which leaves the power of all.
         let direct: f64 =
             direct.map(|(&(_, share), _)| (f64::from(share) * power).min(MOST_AT_A_POINT)).sum();
-        let leaving = self.nearest(&outwards, &blocks).into_iter().filter(Option::is_none).count();
+        let leaving = self.nearest(&outwards, &blocks, &boxes).into_iter().filter(Option::is_none).count();
         let points = f64::from(points);
         direct / points >= LEAST_DIRECT
             || (power / area >= LEAST_EMISSION && leaving as f64 / points <= MOST_LEAVING)
@@ -149,6 +149,15 @@ impl Scene {
         blocks.map(|of| !of.alpha.mode.is_masked() && !is_clear(&of.surface)).collect()
     }
 
+    /// The boxes of triangles, so many in each.
+    fn boxes(&self) -> Vec<Aabb> {
+        let triangles = self.mesh.triangles.len() as u32;
+        let end = |first: u32| triangles.min(first.saturating_add(IN_A_BOX as u32));
+        let corners = |first| (first..end(first)).flat_map(|primitive| self.mesh.corners(primitive));
+        let boxes = (0..triangles.div_ceil(IN_A_BOX as u32)).into_par_iter();
+        boxes.map(|at| Aabb::around(corners(at * IN_A_BOX as u32))).collect()
+    }
+
     /// A segment from a point of a surface to one of an emitter, and the irradiance that it brings, divided by π and by
     /// the power of the emitter.
     fn towards(&self, emitter: &Emitter, [u, v]: [f32; 2], origin: Vec3, normal: Vec3) -> (Segment, f32) {
@@ -187,24 +196,20 @@ impl Scene {
     }
 
     /// The nearest surface that blocks each segment: its distance, and the triangle.
-    fn nearest(&self, segments: &[Segment], blocks: &[bool]) -> Vec<Option<(f32, u32)>> {
+    fn nearest(&self, segments: &[Segment], blocks: &[bool], boxes: &[Aabb]) -> Vec<Option<(f32, u32)>> {
         let mesh = &self.mesh;
         let of_part = |part: usize| {
             let mut nearest: Vec<Option<(f32, u32)>> = vec![None; segments.len()];
-            let end = ((part + 1) * AT_ONCE).min(mesh.triangles.len());
-            let all = part * AT_ONCE..end;
-            let box_of =
-                |of: Range<usize>| Aabb::around(of.flat_map(|primitive| mesh.corners(primitive as u32)));
-            let boxes: Vec<Aabb> =
-                all.clone().step_by(IN_A_BOX).map(|first| box_of(first..end.min(first + IN_A_BOX))).collect();
+            let all = part * AT_ONCE..((part + 1) * AT_ONCE).min(mesh.triangles.len());
+            let boxes = &boxes[all.start / IN_A_BOX..all.end.div_ceil(IN_A_BOX)];
             let bounds = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union);
             for (segment, nearest) in segments.iter().zip(&mut nearest) {
                 if !segment.may_meet(&bounds) {
                     continue;
                 }
-                for (first, bounds) in all.clone().step_by(IN_A_BOX).zip(&boxes) {
+                for (first, bounds) in all.clone().step_by(IN_A_BOX).zip(boxes) {
                     if segment.may_meet(bounds) {
-                        self.nearest_of(first..end.min(first + IN_A_BOX), segment, blocks, nearest);
+                        self.nearest_of(first..all.end.min(first + IN_A_BOX), segment, blocks, nearest);
                     }
                 }
             }
