@@ -46,7 +46,7 @@ fn every_ray_is_shaded_once_with_any_number_of_threads() {
 #[test]
 fn a_device_that_dies_costs_nothing_but_time() {
     let fates = (0..10).map(|case| Fate::any(case / 2, case % 2 * 3));
-    for (case, fate) in fates.enumerate() {
+    for fate in fates {
         for unit in [Unit::Gpu, Unit::Hybrid] {
             let service = service(2, true);
             let ledger = Ledger::new(SCRIPT);
@@ -54,8 +54,8 @@ fn a_device_that_dies_costs_nothing_but_time() {
             let job = service.submit(Arc::clone(&ledger), tracers, SMALL).unwrap();
             let report = outcome(job).unwrap();
             ledger.check_complete();
-            // Host threads that help may be done before the device has had its last chance.
-            let helped = unit == Unit::Hybrid && case % 2 == 1;
+            // Host threads that help may be done before the device has had its first chance, or its last.
+            let helped = unit == Unit::Hybrid;
             assert!(report.events.len() == 1 || (helped && report.events.is_empty()), "{:?}", report.events);
             assert!(report.events.iter().all(|event| event.starts_with("a fake device failed (")));
             assert!(report.cpu.rays > 0);
