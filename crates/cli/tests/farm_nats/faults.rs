@@ -180,8 +180,10 @@ fn a_full_disk_delays_results_and_loses_none() {
         prlimit(Some(process), Resource::Fsize, limit).expect("the limit is set");
     };
     space(Some(0));
-    let refuses =
-        || String::from_utf8_lossy(&service.get("/metrics").body).contains("_data_folder_refuses 1");
+    let refuses = || {
+        let measurements = service.get("/metrics").body;
+        String::from_utf8_lossy(&measurements).lines().any(|line| line == "raystream_data_folder_refuses 1")
+    };
     let wait_for = |status: u16| {
         let began = Instant::now();
         while service.get("/readyz").status != status {
