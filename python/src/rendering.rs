@@ -231,10 +231,6 @@ fn opened(
         None => picture::open(&spec, Path::new(""), &Units::cpu()),
     };
     let rendering = threads.watched(py, open, |_| Ok(()), || ())?.map_err(|error| raised(&error))?;
-    let assumed = rendering.assumed();
-    if !assumed.is_empty() {
-        log::warn!(target: "raystream", "the scene has {}", assumed.join("; "));
-    }
     Ok(Rendering { rendering })
 }
 

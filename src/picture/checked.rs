@@ -110,7 +110,12 @@ impl CheckedSpec {
     /// # Errors
     /// What the options and the scene have against each other.
     pub fn rendering(&self, prepared: PreparedScene) -> Result<Rendering> {
-        Rendering::new(self, prepared)
+        let rendering = Rendering::new(self, prepared)?;
+        let assumed = rendering.assumed();
+        if !assumed.is_empty() {
+            log::warn!("the scene has {}", assumed.join("; "));
+        }
+        Ok(rendering)
     }
 
     /// The scene file.

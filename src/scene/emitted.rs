@@ -1,7 +1,7 @@
 //! Light that the surfaces of a scene emit: whether it lights what a camera sees.
 
 use super::{Camera, Emission, Projection, Scene, Surface, TextureRef};
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Basis, CanonicalRay, warp};
 use crate::lanes::Num;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ const SIDE: u32 = 7;
 /// Triangles that a thread tests at a time.
 const AT_ONCE: usize = 1 << 14;
 
-/// Triangles with a common box, which few segments meet: files store neighbours one after the other.
+/// Triangles with a common box, which few rays meet: files store neighbours one after the other.
 const IN_A_BOX: usize = 64;
 
 /// The least direct light, as mean over the probe, that lights a scene: that of a sky of this radiance.
@@ -27,31 +27,6 @@ const LEAST_EMISSION: f64 = 0.02;
 
 /// The greatest share of the probe's rays that may leave a room that counts as closed.
 const MOST_LEAVING: f64 = 0.5;
-
-/// A segment of a ray, from 0 to `end` in units of the direction.
-#[derive(Clone, Copy)]
-struct Segment {
-    origin: Vec3,
-    direction: Vec3,
-    end: f32,
-    /// Reciprocals of the direction, finite.
-    inverse: Vec3,
-}
-
-impl Segment {
-    fn new(origin: Vec3, direction: Vec3, end: f32) -> Self {
-        const LEAST: f32 = 1e-30;
-        let inverse = direction.map(|d| 1.0 / if d.abs() < LEAST { LEAST } else { d });
-        Self { origin, direction, end, inverse }
-    }
-
-    /// False if the segment misses a box.
-    fn may_meet(&self, bounds: &Aabb) -> bool {
-        let a = (bounds.min - self.origin) * self.inverse;
-        let b = (bounds.max - self.origin) * self.inverse;
-        a.min(b).max_element().max(0.0) <= a.max(b).min_element().min(self.end)
-    }
-}
 
 /// A triangle that emits.
 struct Emitter {
@@ -71,27 +46,33 @@ impl Scene {
         let Some(power) = emitters.last().map(|last| last.sum) else { return false };
         let camera = self.camera.unwrap_or_else(|| Camera::framing(&self.bounds(), 1.0));
         let (blocks, boxes) = (self.blocks(), self.boxes());
-        let seen = probe(&camera);
+        let max_abs = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union).max_abs();
+        let ray = |origin: Vec3, direction: Vec3, end| {
+            CanonicalRay::new(origin.to_array(), 0.0, direction.to_array(), end, max_abs)
+        };
+        let seen: Vec<_> = probe(&camera).map(|towards| ray(camera.eye, towards, f32::INFINITY)).collect();
         let hits = self.nearest(&seen, &blocks, &boxes);
         let (mut points, mut to_light, mut outwards) = (0, Vec::new(), Vec::new());
-        for (i, (segment, hit)) in (0..).zip(seen.iter().zip(hits)) {
+        for (i, (seen, hit)) in (0..).zip(seen.iter().zip(hits)) {
             let Some((t, primitive)) = hit else { continue };
             points += 1;
-            let point = segment.origin + segment.direction * t;
+            let point = seen.origin + seen.direction * t;
             let [a, b, c] = self.mesh.corners(primitive);
             let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-            let normal = if normal.dot(segment.direction) > 0.0 { -normal } else { normal };
+            let normal = if normal.dot(seen.direction) > 0.0 { -normal } else { normal };
             let origin = point + normal * (1e-4 * t);
             let [u, v, w] = randoms(i);
-            outwards.push(Segment::new(origin, scattered(normal, [u, v]), f32::INFINITY));
+            let outward = Basis::from_normal(normal).to_world(warp::cosine_hemisphere([u, v]));
+            outwards.push(ray(origin, outward, f32::INFINITY));
             let at = emitters.partition_point(|emitter| emitter.sum < f64::from(w) * power);
             let emitter = &emitters[at.min(emitters.len() - 1)];
-            to_light.push(self.towards(emitter, [u, v], origin, normal));
+            let (direction, share) = self.towards(emitter, [u, v], origin, normal);
+            to_light.push((ray(origin, direction, 0.999), share));
         }
         if points == 0 {
             return false;
         }
-        let shadow: Vec<Segment> = to_light.iter().map(|&(segment, _)| segment).collect();
+        let shadow: Vec<_> = to_light.iter().map(|&(ray, _)| ray).collect();
         let shadowed = self.nearest(&shadow, &blocks, &boxes);
         let direct = to_light.iter().zip(shadowed).filter(|(_, hit)| hit.is_none());
         // Each point samples all emitters by their power: luminance cancels, which leaves the power of all.
@@ -158,29 +139,27 @@ impl Scene {
         boxes.map(|at| Aabb::around(corners(at * IN_A_BOX as u32))).collect()
     }
 
-    /// A segment from a point of a surface to one of an emitter, and the irradiance that it brings, divided by π and by
-    /// the power of the emitter.
-    fn towards(&self, emitter: &Emitter, [u, v]: [f32; 2], origin: Vec3, normal: Vec3) -> (Segment, f32) {
+    /// The direction from a point of a surface to one of an emitter, and the irradiance that it brings, divided by π
+    /// and by the power of the emitter.
+    fn towards(&self, emitter: &Emitter, place: [f32; 2], origin: Vec3, normal: Vec3) -> (Vec3, f32) {
         let [a, b, c] = self.mesh.corners(emitter.primitive);
-        // Folded into the triangle.
-        let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
+        let [u, v] = warp::triangle(place);
         let direction = a + (b - a) * u + (c - a) * v - origin;
-        let segment = Segment::new(origin, direction, 0.999);
         let (Some(towards), Some(facing)) = (direction.try_normalize(), (b - a).cross(c - a).try_normalize())
         else {
-            return (segment, 0.0);
+            return (direction, 0.0);
         };
         let cosine = -facing.dot(towards);
         let cosine = if emitter.two_sided { cosine.abs() } else { cosine.max(0.0) };
         let share = towards.dot(normal).max(0.0) * cosine / direction.length_squared();
-        (segment, share * std::f32::consts::FRAC_1_PI)
+        (direction, share * std::f32::consts::FRAC_1_PI)
     }
 
-    /// Looks among these triangles for one that blocks a segment nearer than what was found so far.
+    /// Looks among these triangles for one that blocks a ray nearer than what was found so far.
     fn nearest_of(
         &self,
         primitives: Range<usize>,
-        segment: &Segment,
+        ray: &CanonicalRay,
         blocks: &[bool],
         nearest: &mut Option<(f32, u32)>,
     ) {
@@ -188,35 +167,36 @@ impl Scene {
             if !blocks[self.mesh.materials[primitive] as usize] {
                 continue;
             }
-            let (end, primitive) = (nearest.map_or(segment.end, |(t, _)| t), primitive as u32);
-            if let Some(t) = distance(segment, self.mesh.corners(primitive)).filter(|&t| t < end) {
-                *nearest = Some((t, primitive));
+            let [a, b, c] = self.mesh.corners(primitive as u32);
+            let Some(hit) = ray.triangle(a, b, c) else { continue };
+            if nearest.is_none_or(|(t, _)| hit.t < t) {
+                *nearest = Some((hit.t, primitive as u32));
             }
         }
     }
 
-    /// The nearest surface that blocks each segment: its distance, and the triangle.
-    fn nearest(&self, segments: &[Segment], blocks: &[bool], boxes: &[Aabb]) -> Vec<Option<(f32, u32)>> {
+    /// The nearest surface that blocks each ray: its distance, and the triangle.
+    fn nearest(&self, rays: &[CanonicalRay], blocks: &[bool], boxes: &[Aabb]) -> Vec<Option<(f32, u32)>> {
         let mesh = &self.mesh;
         let of_part = |part: usize| {
-            let mut nearest: Vec<Option<(f32, u32)>> = vec![None; segments.len()];
+            let mut nearest: Vec<Option<(f32, u32)>> = vec![None; rays.len()];
             let all = part * AT_ONCE..((part + 1) * AT_ONCE).min(mesh.triangles.len());
             let boxes = &boxes[all.start / IN_A_BOX..all.end.div_ceil(IN_A_BOX)];
             let bounds = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union);
-            for (segment, nearest) in segments.iter().zip(&mut nearest) {
-                if !segment.may_meet(&bounds) {
+            for (ray, nearest) in rays.iter().zip(&mut nearest) {
+                if !may_meet(ray, &bounds) {
                     continue;
                 }
                 for (first, bounds) in all.clone().step_by(IN_A_BOX).zip(boxes) {
-                    if segment.may_meet(bounds) {
-                        self.nearest_of(first..all.end.min(first + IN_A_BOX), segment, blocks, nearest);
+                    if may_meet(ray, bounds) {
+                        self.nearest_of(first..all.end.min(first + IN_A_BOX), ray, blocks, nearest);
                     }
                 }
             }
             nearest
         };
         let parts = (0..mesh.triangles.len().div_ceil(AT_ONCE)).into_par_iter().map(of_part);
-        let none = || vec![None; segments.len()];
+        let none = || vec![None; rays.len()];
         parts.reduce(none, |mut all, part| {
             for (nearest, other) in all.iter_mut().zip(part) {
                 // The first triangle of those at the same distance, whatever the order of the parts.
@@ -231,8 +211,15 @@ impl Scene {
     }
 }
 
-/// Rays through the pixels of a small picture, as through a pinhole.
-fn probe(camera: &Camera) -> Vec<Segment> {
+/// False if a ray misses a box. Without fused operations, which are calls outside of lanes.
+fn may_meet(ray: &CanonicalRay, bounds: &Aabb) -> bool {
+    let a = (bounds.min - ray.origin) * ray.inverse;
+    let b = (bounds.max - ray.origin) * ray.inverse;
+    a.min(b).max_element().max(0.0) <= a.max(b).min_element().min(ray.t_max)
+}
+
+/// Directions through the pixels of a small picture, as through a pinhole.
+fn probe(camera: &Camera) -> impl Iterator<Item = Vec3> {
     let forward = (camera.target - camera.eye).normalize_or(Vec3::NEG_Z);
     let right = forward.cross(camera.up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
     let up = right.cross(forward);
@@ -241,43 +228,15 @@ fn probe(camera: &Camera) -> Vec<Segment> {
         _ => 40.0,
     };
     let half = libm::tanf(0.5 * fov_degrees.to_radians());
-    let place = |i: u32| half * ((i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0);
-    let towards = |i: u32| (forward + right * place(i % SIDE) + up * place(i / SIDE)).normalize();
-    let ray = |i: u32| Segment::new(camera.eye, towards(i), f32::INFINITY);
-    (0..SIDE * SIDE).map(ray).collect()
+    let place = move |i: u32| half * ((i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0);
+    let towards = move |i: u32| (forward + right * place(i % SIDE) + up * place(i / SIDE)).normalize();
+    (0..SIDE * SIDE).map(towards)
 }
 
 /// Three numbers from 0 to 1, evenly spread over all points (the R3 sequence of M. Roberts, 2018).
 fn randoms(i: u32) -> [f32; 3] {
     const STEPS: [u32; 3] = [0xd1b5_4a32, 0xabc9_8388, 0x8cb9_2ba7];
     STEPS.map(|step| (step.wrapping_mul(i + 1) >> 8) as f32 / (1 << 24) as f32)
-}
-
-/// A direction around a normal, with the cosine as density.
-fn scattered(normal: Vec3, [u, v]: [f32; 2]) -> Vec3 {
-    let z = 1.0 - 2.0 * u;
-    let radius = (1.0 - z * z).max(0.0).sqrt();
-    let (sin, cos) = libm::sincosf(2.0 * std::f32::consts::PI * v);
-    (normal + Vec3::new(radius * cos, radius * sin, z)).normalize_or(normal)
-}
-
-/// Distance to a triangle (Möller and Trumbore 1997). Decides nothing that a picture shows.
-fn distance(segment: &Segment, [a, b, c]: [Vec3; 3]) -> Option<f32> {
-    let (e, f) = (b - a, c - a);
-    let p = segment.direction.cross(f);
-    let determinant = e.dot(p);
-    if determinant == 0.0 {
-        return None;
-    }
-    let s = segment.origin - a;
-    let u = s.dot(p) / determinant;
-    if !(0.0..=1.0).contains(&u) {
-        return None;
-    }
-    let q = s.cross(e);
-    let v = segment.direction.dot(q) / determinant;
-    let t = f.dot(q) / determinant;
-    (v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
 }
 
 #[cfg(test)]

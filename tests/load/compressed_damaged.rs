@@ -5,6 +5,7 @@
 
 use crate::compressed::{EDGEBREAKER, ETC1S, PLAIN_UASTC, SEQUENTIAL, UASTC, draco, ktx2, meshopt};
 use crate::document::Document;
+use crate::random::Random;
 use raystream::memory::MemoryBudget;
 use raystream::scene::load::{LoadOptions, load_from};
 use std::time::{Duration, Instant};
@@ -13,18 +14,6 @@ const INPUTS: u64 = 8000;
 
 /// The most memory that a damaged file may take.
 const BUDGET: u64 = 1 << 26;
-
-/// xorshift64*.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        ((self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as usize) % end.max(1)
-    }
-}
 
 /// Flips bits, writes extreme numbers, repeats and removes pieces; at times cuts the end off.
 fn damage(bytes: &mut Vec<u8>, random: &mut Random) {

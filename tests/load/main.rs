@@ -17,6 +17,7 @@ mod mtl;
 mod obj;
 mod off;
 mod ply;
+mod random;
 mod recipe;
 mod stl;
 mod streams;

@@ -2,23 +2,12 @@
 
 use crate::document::Document;
 use crate::folder::Folder;
+use crate::random::Random;
 use raystream::scene::load::{environment, load};
 use serde_json::json;
 
 /// How often each file is damaged.
 const ROUNDS: u64 = 2000;
-
-/// xorshift64*.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        ((self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as usize) % end.max(1)
-    }
-}
 
 /// Flips, overwrites, repeats, removes, or puts an extreme number in place of another; then, at times,
 /// cuts the end off.

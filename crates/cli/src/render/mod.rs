@@ -76,10 +76,6 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     })?;
     let rendering = checked.rendering(setup.prepared.clone())?.with_policy(setup.policy);
     let rendering = rendering.with_threads(setup.service.host_threads());
-    let assumed = rendering.assumed();
-    if !assumed.is_empty() {
-        log::warn!("the scene has {}", assumed.join("; "));
-    }
     ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
     if args.spec.has_several() {
         let animation = Animation::new(args, &rendering)?;
