@@ -7,11 +7,15 @@ use std::collections::BinaryHeap;
 pub type Time = u64;
 
 /// A duration in seconds as simulated time, never shorter.
+#[inline]
 pub fn time(seconds: f64) -> Time {
-    (seconds * 1e9).ceil() as Time
+    let (nanoseconds, whole) = (seconds * 1e9, (seconds * 1e9) as Time);
+    // `ceil` is a call.
+    whole + Time::from(nanoseconds > whole as f64)
 }
 
 /// Simulated time in seconds.
+#[inline]
 pub fn seconds(time: Time) -> f64 {
     time as f64 * 1e-9
 }
@@ -32,12 +36,14 @@ struct Due<E> {
 }
 
 impl<E> Due<E> {
+    #[inline]
     fn key(&self) -> (Time, u64) {
         (self.at, self.seq)
     }
 }
 
 impl<E> PartialEq for Due<E> {
+    #[inline]
     fn eq(&self, other: &Self) -> bool {
         self.key() == other.key()
     }
@@ -46,12 +52,14 @@ impl<E> PartialEq for Due<E> {
 impl<E> Eq for Due<E> {}
 
 impl<E> PartialOrd for Due<E> {
+    #[inline]
     fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
 
 impl<E> Ord for Due<E> {
+    #[inline]
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.key().cmp(&other.key())
     }
@@ -65,22 +73,26 @@ impl<E> Default for Clock<E> {
 
 impl<E> Clock<E> {
     /// The time.
+    #[inline]
     pub fn now(&self) -> Time {
         self.now
     }
 
     /// Lets something happen at a time, now at the earliest.
+    #[inline]
     pub fn at(&mut self, at: Time, event: E) {
         self.entered += 1;
         self.due.push(Reverse(Due { at: at.max(self.now), seq: self.entered, event }));
     }
 
     /// Lets something happen after so many seconds.
+    #[inline]
     pub fn after(&mut self, seconds: f64, event: E) {
         self.at(self.now + time(seconds), event);
     }
 
     /// Takes the next event; it is that late then.
+    #[inline]
     pub fn next(&mut self) -> Option<E> {
         let Reverse(due) = self.due.pop()?;
         self.now = due.at;

@@ -84,6 +84,7 @@ impl Simulator<'_> {
         }
         let parts = self.parts_of(unit) * self.costs.question_s;
         let taken = parts + self.costs.keep_s + self.bytes_of(unit) * self.costs.keep_byte_s;
+        self.counts.keep_s += taken;
         self.in_thread(taken, Work::Keep(question));
     }
 
@@ -194,6 +195,7 @@ impl Simulator<'_> {
         self.counts.unit_s += seconds(taken);
         let run = &mut self.jobs[flight.job as usize];
         run.speed.add(flight.samples, seconds(taken));
+        run.kept += flight.samples as f64;
         let all = (run.pixels_of_block * run.pass.blocks().len() as f64 * self.costs.pixel_bytes) as u64;
         let Some(frame) = run.frames.get_mut(&flight.frame) else { return };
         frame.units.keep(flight.number);

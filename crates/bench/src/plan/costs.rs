@@ -187,6 +187,14 @@ impl PlannedJob {
         Self::Live(LiveJob { name, size, spp: 1, frames: 100, pixel_bytes: 0.3 })
     }
 
+    /// The job, if it is one of pictures.
+    pub fn frames(&self) -> Option<&FramesJob> {
+        match self {
+            Self::Frames(job) => Some(job),
+            Self::Live(_) => None,
+        }
+    }
+
     /// Its name.
     pub fn name(&self) -> &str {
         match self {

@@ -1,14 +1,19 @@
 //! Machines: they lease units, fetch scenes, render, send.
 
-use super::clock::{Time, time};
+use super::clock::{Time, seconds, time};
 use super::coordinator::Question;
 use super::shared::Shared;
-use super::simulator::{Begun, Event, Simulator};
+use super::simulator::{Begun, Event, Flight, Having, Simulator};
 use raystream_service::contract::{BEATS, PART_BYTES};
+use raystream_service::coordinator::decisions::{self, Fetch};
+use std::collections::VecDeque;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// How long a unit that its worker is not to render rests.
 const REST_S: f64 = 1.0;
+
+/// How long a slot waits before it asks again that may have none of the units that wait.
+const PATIENCE_S: f64 = 0.5;
 
 /// A slot of a machine; after a failure the machine has another life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +35,8 @@ pub(super) enum Task {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scene {
     Absent,
+    /// It has a unit of the scene, and is about to fetch it.
+    Wanted,
     Coming,
     OnDisk,
     Ready,
@@ -61,6 +68,13 @@ impl Machine {
             blocked: Vec::new(),
             units: Vec::new(),
         }
+    }
+}
+
+impl Machine {
+    /// True if it has joined and has not failed.
+    pub fn is_there(&self) -> bool {
+        self.is_there
     }
 }
 
@@ -104,24 +118,82 @@ impl Simulator<'_> {
         self.clock.after(0.5 * self.costs.round_trip_s, Event::Asks(slot));
     }
 
+    /// A slot's request for a unit has come.
+    pub fn asks(&mut self, slot: Slot) {
+        if !self.is_there(slot) {
+            return;
+        }
+        if self.stands_by(slot) {
+            self.clock.after(self.costs.lease_s, Event::Asks(slot));
+            return;
+        }
+        self.waiting.push_back(slot);
+        self.deliver();
+    }
+
     /// Gives units that wait to slots that wait.
     pub fn deliver(&mut self) {
         loop {
             while self.waiting.front().is_some_and(|slot| !self.is_there(*slot)) {
                 self.waiting.pop_front();
             }
-            if self.waiting.is_empty() {
+            let Some(&slot) = self.waiting.front() else { return };
+            if self.lanes.iter().all(VecDeque::is_empty) {
                 return;
             }
-            let [urgent, others] = &mut self.lanes;
-            let Some(unit) = urgent.pop_front().or_else(|| others.pop_front()) else { return };
-            let Some(slot) = self.waiting.pop_front() else { return };
+            self.waiting.pop_front();
+            if self.stands_by(slot) {
+                self.clock.after(self.costs.lease_s, Event::Asks(slot));
+                continue;
+            }
+            let Some(unit) = self.next_for(slot) else {
+                self.clock.after(PATIENCE_S, Event::Asks(slot));
+                continue;
+            };
             let flight = &mut self.flights[unit as usize];
             flight.deliveries += 1;
             flight.leased = self.clock.now();
-            self.machines[slot.machine as usize].units.push(unit);
+            let job = flight.job as usize;
+            let machine = &mut self.machines[slot.machine as usize];
+            machine.units.push(unit);
+            if machine.scenes[job] == Scene::Absent {
+                machine.scenes[job] = Scene::Wanted;
+                self.jobs[job].having.fetching += 1;
+            }
             self.clock.after(0.0, Event::Delivered(unit, slot));
         }
+    }
+
+    /// Takes the next unit that waits and that a slot may have: one whose scene its machine has or would have in time.
+    fn next_for(&mut self, slot: Slot) -> Option<u32> {
+        let jobs = 0..self.jobs.len() as u32;
+        let late: Vec<u32> = jobs.filter(|job| self.is_late(slot.machine, *job)).collect();
+        let flights = &self.flights;
+        let may = |unit: &u32| {
+            let flight = &flights[*unit as usize];
+            let is_plain = flight.compared.is_none() && flight.losses == 0;
+            !is_plain || !late.contains(&flight.job)
+        };
+        self.lanes.iter_mut().find_map(|lane| {
+            let place = lane.iter().position(may)?;
+            lane.remove(place)
+        })
+    }
+
+    /// True if a machine lacks the scene of a job, and would have it too late.
+    fn is_late(&self, machine: u32, job: u32) -> bool {
+        let scene = self.machines[machine as usize].scenes[job as usize];
+        if scene != Scene::Absent {
+            return false;
+        }
+        let Having { fetching, has } = self.jobs[job as usize].having;
+        let fetch = Fetch {
+            scene_s: Some(self.costs.scene_bytes * 8.0 / self.farm.network_bits),
+            fetching,
+            rest_s: self.jobs[job as usize].rest_s(),
+            slots: has * self.costs.slots as usize + fetching,
+        };
+        !decisions::is_to_fetch(&fetch)
     }
 
     pub fn answered(&mut self, unit: u32, slot: Slot, begun: Begun) {
@@ -153,8 +225,9 @@ impl Simulator<'_> {
         }
         machine.blocked.push(unit);
         machine.scenes[job as usize] = Scene::Coming;
+        self.jobs[job as usize].having.fetching += usize::from(scene == Scene::OnDisk);
         match scene {
-            Scene::Absent => {
+            Scene::Absent | Scene::Wanted => {
                 self.counts.bytes += self.costs.scene_bytes;
                 self.outgoing.add(self.clock.now(), self.costs.scene_bytes, (slot, job));
                 self.expect_outgoing();
@@ -178,6 +251,7 @@ impl Simulator<'_> {
     fn render(&mut self, unit: u32, slot: Slot) {
         let now = self.clock.now();
         self.counts.first.get_or_insert(now);
+        self.flights[unit as usize].rendering = now;
         let work = self.work_of(unit);
         self.on_machine(slot.machine, work, Task::Render(unit));
     }
@@ -194,6 +268,8 @@ impl Simulator<'_> {
         match task {
             Task::Read(job) => {
                 own.scenes[job as usize] = Scene::Ready;
+                let having = &mut self.jobs[job as usize].having;
+                (having.fetching, having.has) = (having.fetching - 1, having.has + 1);
                 let (ready, blocked) = std::mem::take(&mut own.blocked)
                     .into_iter()
                     .partition(|unit: &u32| self.flights[*unit as usize].job == job);
@@ -204,7 +280,9 @@ impl Simulator<'_> {
             Task::Render(unit) => {
                 let bytes = self.bytes_of(unit);
                 self.counts.bytes += bytes;
-                let taken = now - self.flights[unit as usize].began;
+                let Flight { began, rendering, .. } = self.flights[unit as usize];
+                self.counts.rendering_s += seconds(now - rendering);
+                let taken = now - began;
                 self.incoming.add(now, bytes, Question::Result(unit, slot, taken));
                 self.expect_incoming();
             }
@@ -249,10 +327,18 @@ impl Simulator<'_> {
         machine.life += 1;
         machine.processor.clear(now);
         machine.blocked.clear();
-        for scene in &mut machine.scenes {
+        for (scene, run) in machine.scenes.iter_mut().zip(&mut self.jobs) {
             *scene = match scene {
-                Scene::Absent | Scene::Coming => Scene::Absent,
-                Scene::OnDisk | Scene::Ready => Scene::OnDisk,
+                Scene::Absent => Scene::Absent,
+                Scene::Wanted | Scene::Coming => {
+                    run.having.fetching -= 1;
+                    Scene::Absent
+                }
+                Scene::OnDisk => Scene::OnDisk,
+                Scene::Ready => {
+                    run.having.has -= 1;
+                    Scene::OnDisk
+                }
             };
         }
         self.slots -= self.costs.slots as usize;

@@ -59,6 +59,7 @@ impl Simulator<'_> {
     }
 
     fn look(&mut self) {
+        self.invite();
         self.planner.is_looking = true;
         self.planner.is_woken = false;
         self.planner.looks += 1;
@@ -173,10 +174,10 @@ impl Simulator<'_> {
 
     /// Chooses units until enough are outstanding. Whether some of them have just been cut.
     fn choose_units(&mut self) -> bool {
-        let wanted = decisions::wanted(self.slots);
+        let wanted = decisions::wanted(self.standby.slots);
         let open = self.jobs.iter().map(|run| run.frames.len()).sum();
         let more = self.jobs.iter().any(|run| run.next_frame < run.job.frames);
-        let sizes = Sizes { at_once: decisions::at_once(self.slots, open, more), ..Sizes::default() };
+        let sizes = Sizes { at_once: decisions::at_once(self.standby.slots, open, more), ..Sizes::default() };
         let mut is_new = false;
         while self.outstanding < wanted {
             let unit = match self.comparisons.pop_front() {
@@ -216,6 +217,7 @@ impl Simulator<'_> {
                     is_done: false,
                     leased: 0,
                     began: 0,
+                    rendering: 0,
                 };
                 Some(((flight, is_cut), samples))
             })

@@ -44,6 +44,31 @@ pub struct Prediction {
 }
 
 impl Prediction {
+    /// The prediction of a job that goes on after this part of it: what was added between two times is added so many
+    /// times more.
+    pub(super) fn extended(self, between: [&Self; 2], times: f64, frames: u32) -> Self {
+        let [from, to] = between;
+        let more = |of: fn(&Self) -> f64| of(&self) + times * (of(to) - of(from));
+        let seconds = more(|part| part.seconds);
+        let load = |load: &Load| {
+            let busy = |part: &Self| part.load(load.name) * part.seconds;
+            let share = (busy(&self) + times * (busy(to) - busy(from))) / seconds;
+            Load { name: load.name, share: share.max(0.0) }
+        };
+        let units = more(|part| part.units as f64).max(1.0);
+        Self {
+            seconds,
+            frames_per_second: f64::from(frames) / seconds,
+            units: units as u64,
+            unit_s: more(|part| part.unit_s * part.units as f64) / units,
+            idle_share: more(|part| part.idle_share * part.seconds) / seconds,
+            bytes: more(|part| part.bytes),
+            redeliveries: more(|part| part.redeliveries as f64).max(0.0) as u64,
+            loads: self.loads.iter().map(load).collect(),
+            ..self.clone()
+        }
+    }
+
     /// The share of the time or of what it can carry that a part is busy, from 0 to 1; 0 if there is no such part.
     pub fn load(&self, name: &str) -> f64 {
         self.loads.iter().find(|load| load.name == name).map_or(0.0, |load| load.share)

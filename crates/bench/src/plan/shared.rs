@@ -32,6 +32,7 @@ struct User<T> {
 }
 
 impl<T> PartialEq for User<T> {
+    #[inline]
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other).is_eq()
     }
@@ -40,12 +41,14 @@ impl<T> PartialEq for User<T> {
 impl<T> Eq for User<T> {}
 
 impl<T> PartialOrd for User<T> {
+    #[inline]
     fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
 
 impl<T> Ord for User<T> {
+    #[inline]
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.end.total_cmp(&other.end).then(self.seq.cmp(&other.seq))
     }
@@ -58,11 +61,20 @@ impl<T> Shared<T> {
         Self { capacity, most_each, each, at, entered, users, done, version }
     }
 
+    /// Changes what it does in a second, and the most that one user gets.
+    pub fn set_capacity(&mut self, now: Time, capacity: f64, most_each: f64) {
+        self.advance(now);
+        (self.capacity, self.most_each) = (capacity, most_each);
+        self.version += 1;
+    }
+
     /// What each user gets in a second now.
+    #[inline]
     fn rate(&self) -> f64 {
         self.most_each.min(self.capacity / self.users.len().max(1) as f64)
     }
 
+    #[inline]
     fn advance(&mut self, now: Time) {
         if !self.users.is_empty() {
             let got = seconds(now - self.at) * self.rate();
@@ -73,6 +85,7 @@ impl<T> Shared<T> {
     }
 
     /// Lets a user in that needs so much.
+    #[inline]
     pub fn add(&mut self, now: Time, needed: f64, token: T) {
         self.advance(now);
         if self.users.is_empty() {
@@ -85,6 +98,7 @@ impl<T> Shared<T> {
     }
 
     /// The time at which the next user ends if nothing changes, and the version for which this holds.
+    #[inline]
     pub fn due(&self) -> Option<(Time, u32)> {
         let Reverse(first) = self.users.peek()?;
         let left = (first.end - self.each).max(0.0);
@@ -92,6 +106,7 @@ impl<T> Shared<T> {
     }
 
     /// A user that has ended by now, if nothing has changed since a version.
+    #[inline]
     pub fn end(&mut self, now: Time, version: u32) -> Option<T> {
         if version != self.version {
             return None;
@@ -131,6 +146,7 @@ impl<T> Turns<T> {
     }
 
     /// Returns who came if it is its turn, else lets it wait.
+    #[inline]
     pub fn come(&mut self, who: T) -> Option<T> {
         if self.free == 0 {
             self.waiting.push_back(who);
@@ -151,6 +167,7 @@ impl<T> Turns<T> {
     }
 
     /// Whose turn it is now that one has gone.
+    #[inline]
     pub fn go(&mut self) -> Option<T> {
         let next = self.waiting.pop_front();
         if next.is_none() {

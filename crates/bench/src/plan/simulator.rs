@@ -7,14 +7,12 @@ use super::machine::{Machine, Slot, Task as MachineTask};
 use super::planner::{OpenFrame, Planner, Task};
 use super::prediction::{Load, Prediction};
 use super::shared::{Shared, Turns};
+use super::standby::Standby;
 use raystream::render::{Blocks, Pass};
 use raystream::schedule::Priority;
-use raystream_service::contract::{ANSWERED_TOGETHER, REPORT};
+use raystream_service::contract::ANSWERED_TOGETHER;
 use raystream_service::coordinator::decisions::{BLOCK_PIXELS, Candidate, Share, Speed, TASK_THREADS};
 use std::collections::{BTreeMap, VecDeque};
-
-/// The least share of the coordinator's threads that is left beside reports of workers.
-const LEAST_LEFT: f64 = 0.02;
 
 /// A farm on which no unit ends for so many seconds does nothing.
 const HOPELESS_S: f64 = 3600.0;
@@ -84,9 +82,20 @@ pub(super) struct Flight {
     pub holder: Option<Slot>,
     pub losses: u32,
     pub is_done: bool,
-    /// The times at which it was leased and at which it was begun.
+    /// The times at which it was leased, and at which its worker was told to render it.
     pub leased: Time,
     pub began: Time,
+    /// The time at which its scene was there.
+    pub rendering: Time,
+}
+
+/// Machines and the scene of a job.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Having {
+    /// Those that fetch or read it.
+    pub fetching: usize,
+    /// Those that have it.
+    pub has: usize,
 }
 
 /// A job that is worked on.
@@ -97,6 +106,11 @@ pub(super) struct Run {
     /// Samples of a pixel of a block that are of the picture: blocks at its edge have fewer pixels.
     pub pixels_of_block: f64,
     pub given: u64,
+    pub kept: f64,
+    /// The machines that have its scene, or will.
+    pub having: Having,
+    /// Frames after those that are simulated.
+    pub more_frames: u32,
     pub speed: Speed,
     pub is_planned: bool,
     /// True if it is being planned.
@@ -106,6 +120,15 @@ pub(super) struct Run {
     pub frames: BTreeMap<u32, OpenFrame>,
     pub finished: u32,
     pub ended: Option<Time>,
+}
+
+impl Run {
+    /// Seconds of a slot that the rest of it takes.
+    pub fn rest_s(&self) -> f64 {
+        let pixels = f64::from(self.job.size.0) * f64::from(self.job.size.1);
+        let frames = f64::from(self.job.frames + self.more_frames);
+        (pixels * f64::from(self.job.spp) * frames - self.kept).max(0.0) / self.speed.samples_per_second()
+    }
 }
 
 impl Share for &mut Run {
@@ -130,6 +153,9 @@ pub(super) struct Counts {
     pub lock_s: f64,
     pub open_s: f64,
     pub unit_s: f64,
+    /// Time of slots that units have taken without their scenes, and of the coordinator's threads for their sums.
+    pub rendering_s: f64,
+    pub keep_s: f64,
     pub first: Option<Time>,
 }
 
@@ -139,8 +165,9 @@ pub(super) struct Simulator<'a> {
     pub costs: &'a Costs,
     pub clock: Clock<Event>,
     pub machines: Vec<Machine>,
-    /// Slots of the machines that ask for units.
+    /// Slots of the machines that are there.
     pub slots: usize,
+    pub standby: Standby,
     pub jobs: Vec<Run>,
     pub flights: Vec<Flight>,
     pub outstanding: usize,
@@ -163,11 +190,10 @@ pub(super) struct Simulator<'a> {
 }
 
 impl<'a> Simulator<'a> {
-    pub fn new(farm: &'a Farm, costs: &'a Costs, jobs: &[FramesJob]) -> Self {
+    /// With `more_frames` of each job after those that are simulated.
+    pub fn new(farm: &'a Farm, costs: &'a Costs, jobs: &[FramesJob], more_frames: u32) -> Self {
         let bytes = farm.network_bits / 8.0;
         let threads = costs.coordinator_threads;
-        let reports = f64::from(farm.machines) / REPORT.as_secs_f64() * costs.question_s;
-        let left = (threads - reports).max(LEAST_LEFT * threads);
         let runs = jobs.iter().zip(0..).map(|(job, seq)| Run {
             job: job.clone(),
             seq,
@@ -177,6 +203,9 @@ impl<'a> Simulator<'a> {
                 pixels / Blocks::new(job.size.0, job.size.1).count() as f64
             },
             given: 0,
+            kept: 0.0,
+            having: Having::default(),
+            more_frames,
             speed: Speed::default(),
             is_planned: false,
             is_planning: false,
@@ -192,6 +221,7 @@ impl<'a> Simulator<'a> {
             clock: Clock::default(),
             machines: (0..farm.machines).map(|_| Machine::new(jobs.len())).collect(),
             slots: 0,
+            standby: Standby::default(),
             jobs: runs.collect(),
             flights: Vec::new(),
             outstanding: 0,
@@ -200,7 +230,7 @@ impl<'a> Simulator<'a> {
             waiting: VecDeque::new(),
             incoming: Shared::new(bytes, bytes),
             outgoing: Shared::new(bytes, bytes),
-            threads: Shared::new(left, left.min(1.0)),
+            threads: Shared::new(threads, threads.min(1.0)),
             answering: Turns::new(ANSWERED_TOGETHER),
             ledger: Turns::new(1),
             tasks: Turns::new(TASK_THREADS),
@@ -212,7 +242,13 @@ impl<'a> Simulator<'a> {
     }
 
     /// Lets the jobs be done.
-    pub fn run(mut self) -> Prediction {
+    pub fn run(self) -> Prediction {
+        self.run_noting(&[]).0
+    }
+
+    /// Lets the jobs be done, and notes what has been done when so many frames of the first job were.
+    pub fn run_noting(mut self, marks: &[u32]) -> (Prediction, Vec<Prediction>) {
+        let mut notes = Vec::new();
         for machine in 0..self.farm.machines {
             self.start_machine(machine);
         }
@@ -223,12 +259,15 @@ impl<'a> Simulator<'a> {
                 break;
             };
             self.happens(event);
+            if marks.get(notes.len()).is_some_and(|mark| self.jobs[0].finished >= *mark) {
+                notes.push(self.predicted());
+            }
             let hopeless = self.kept_at + time(HOPELESS_S + self.costs.startup_s);
             if self.farm.failure_s.is_some() && self.clock.now() > hopeless {
                 self.failed = Some("no unit has ended for an hour: machines fail too often".into());
             }
         }
-        self.predicted()
+        (self.predicted(), notes)
     }
 
     fn happens(&mut self, event: Event) {
@@ -239,10 +278,7 @@ impl<'a> Simulator<'a> {
             Event::Looked => self.looked(),
             Event::Offered(unit) => self.offered(unit),
             Event::LookEnds => self.look_ends(),
-            Event::Asks(slot) => {
-                self.waiting.push_back(slot);
-                self.deliver();
-            }
+            Event::Asks(slot) => self.asks(slot),
             Event::Delivered(unit, slot) => {
                 if self.is_there(slot) {
                     self.clock.after(0.0, Event::Arrives(Question::Start(unit, slot)));
@@ -323,15 +359,15 @@ impl<'a> Simulator<'a> {
         }
     }
 
-    fn predicted(mut self) -> Prediction {
+    fn predicted(&mut self) -> Prediction {
+        self.end_reports();
         let now = self.clock.now();
         let ended = self.jobs.iter().filter_map(|job| job.ended).max();
         let total = seconds(ended.unwrap_or(now)).max(1e-9);
         let machines = f64::from(self.farm.machines);
         let busy: f64 = self.machines.iter_mut().map(|machine| machine.processor.done(now)).sum();
         let bytes = self.farm.network_bits / 8.0;
-        let reports = machines / REPORT.as_secs_f64() * self.costs.question_s;
-        let threads = self.threads.done(now) / total + reports;
+        let threads = self.threads.done(now) / total + self.standby.reports_s / total;
         let counts = &self.counts;
         let loads = [
             ("machines", busy / total / machines),
@@ -359,7 +395,7 @@ impl<'a> Simulator<'a> {
             bytes: counts.bytes,
             redeliveries: counts.redeliveries,
             loads,
-            failed: self.failed,
+            failed: self.failed.clone(),
         }
     }
 

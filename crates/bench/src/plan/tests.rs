@@ -242,3 +242,35 @@ fn costs_that_make_no_sense_are_named() {
         assert!(costs.problem().is_some_and(|problem| problem.starts_with(name)), "{name}");
     }
 }
+
+#[test]
+fn the_frames_between_are_as_if_they_were_simulated() {
+    for machines in [1, 7, 60] {
+        let job = FramesJob { frames: 700, ..job(1, 16) };
+        let found = predict(&farm(machines), &Costs::default(), &of(job.clone()));
+        let all = simulator::Simulator::new(&farm(machines), &Costs::default(), &[job], 0).run();
+        let near = |one: f64, other: f64| (one - other).abs() <= 0.03 * other.abs() + 1e-3;
+        assert!(near(found.seconds, all.seconds), "{machines}: {} s, not {} s", found.seconds, all.seconds);
+        assert!(
+            near(found.units as f64, all.units as f64) && near(found.bytes, all.bytes),
+            "{found:?} {all:?}"
+        );
+        assert!(
+            near(found.idle_share, all.idle_share) && near(found.unit_s, all.unit_s),
+            "{found:?} {all:?}"
+        );
+        for (found, all) in found.loads.iter().zip(&all.loads) {
+            assert!((found.share - all.share).abs() < 0.02, "{machines}: {found:?}, not {all:?}");
+        }
+    }
+}
+
+#[test]
+fn machines_that_do_not_help_do_not_harm() {
+    for job in [job(1, 4096), job(40, 256)] {
+        let seconds = [60, 100, 200, 1000, 4000]
+            .map(|machines| predict(&farm(machines), &Costs::default(), &of(job.clone())).seconds);
+        let best = seconds.into_iter().fold(f64::INFINITY, f64::min);
+        assert!(seconds[4] < 1.3 * best && seconds[3] < 1.3 * best, "{seconds:?}");
+    }
+}

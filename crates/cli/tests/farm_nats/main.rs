@@ -20,6 +20,7 @@ mod secured;
 #[allow(dead_code, reason = "tests of the service use more of it")]
 mod service;
 mod specs;
+mod standby;
 mod viewer;
 
 use machines::{Nats, Worker};

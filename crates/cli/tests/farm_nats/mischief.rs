@@ -145,7 +145,7 @@ fn done_jobs_with_sums_of_a_liar_are_suspect_and_trust_is_given_back_by_hand() {
     assert_ne!(state_of_any(&service, "worker-1")["state"], "quarantined");
 }
 
-fn state_of_any(service: &Service, name: &str) -> Value {
+pub fn state_of_any(service: &Service, name: &str) -> Value {
     let shown = service.get("/api/v1/workers").json();
     let workers = shown["workers"].as_array().expect("workers").clone();
     workers.into_iter().find(|worker| worker["name"] == name).expect("it is there")

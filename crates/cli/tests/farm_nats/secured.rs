@@ -53,7 +53,12 @@ impl Farm {
 
     /// A coordinator that compares a share of the units.
     pub fn comparing(&self, data: &Path, share: &str) -> Service {
-        let first = ["--nats", &self.url, "--lease", "1", "--compared", share, "--most-files", "3"];
+        self.coordinator_with(data, &["--lease", "1", "--compared", share, "--most-files", "3"])
+    }
+
+    /// A coordinator with further options.
+    pub fn coordinator_with(&self, data: &Path, further: &[&str]) -> Service {
+        let first = [&["--nats", &self.url][..], further].concat();
         let options = self.options("coordinator");
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         Service::start(data, &[&first[..], &options].concat())

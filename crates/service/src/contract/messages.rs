@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub struct Build(BTreeMap<String, String>);
 
 /// Counts incompatible messages between coordinator and workers.
-const PROTOCOL_VERSION: u32 = 6;
+const PROTOCOL_VERSION: u32 = 7;
 
 impl Build {
     /// This process's.
@@ -100,6 +100,8 @@ pub enum Granted {
     Unit(Box<Leased>),
     /// There is none now.
     None,
+    /// The worker does not help now: it is to ask again after a lease's time, and to report as rarely as it may.
+    StandBy,
     /// The worker gets none for a while, and why.
     Rests(String),
     /// The worker may take no units.

@@ -2,6 +2,7 @@
 
 use super::Runner;
 use super::lending::Holder;
+use super::measured::{AskKind, ThreadClock};
 use super::planner::is_active;
 use crate::contract::{
     Answer, Ask, Coordinator, FilePart, FinishedUnit, Held, MOST_SLOTS, Report, ReportReply, ResultReply,
@@ -29,33 +30,13 @@ impl Coordinator for RunnerHandle {
                 _ => Answer::Noted,
             };
         };
-        match ask {
-            Ask::Join(info) => {
-                let (reply, is_another) = runner.state().workers.join(key, info, runner.bus.lease_time());
-                if is_another {
-                    runner.take_all(key, "it has begun again with units");
-                }
-                Answer::Joined(reply)
-            }
-            Ask::Report(report) => Answer::Reported(runner.orders(key, &report)),
-            Ask::Leave => {
-                runner.take_all(key, "it leaves with units");
-                runner.state().workers.leave(key);
-                Answer::Noted
-            }
-            Ask::Lease(wanted) => Answer::Granted(runner.grant(key, &wanted)),
-            Ask::GiveBack(held) => {
-                runner.take_back(key, &held);
-                Answer::Noted
-            }
-            Ask::Files(scene, from) => Answer::Files(runner.list_files(key, &scene, from)),
-            Ask::File(part) => Answer::File(runner.read_file(key, &part)),
-            Ask::Result(finished) => Answer::Result(runner.take_result(key, finished)),
-            Ask::Failure(failure) => {
-                runner.take_failure(key, failure);
-                Answer::Noted
-            }
+        let measured = AskKind::of(&ask).map(|kind| (kind, ThreadClock::start()));
+        let answer = runner.answer(key, ask);
+        if let Some((kind, clock)) = measured.filter(|(kind, _)| kind.is_counted(&answer)) {
+            let seconds = clock.seconds();
+            runner.state().measured.answered(kind, seconds);
         }
+        answer
     }
 
     fn expects(&self, key: &str, finished: &FinishedUnit, _: u64) -> bool {
@@ -66,6 +47,36 @@ impl Coordinator for RunnerHandle {
 }
 
 impl Runner {
+    fn answer(&self, key: &str, ask: Ask) -> Answer {
+        match ask {
+            Ask::Join(info) => {
+                let (reply, is_another) = self.state().workers.join(key, info, self.bus.lease_time());
+                if is_another {
+                    self.take_all(key, "it has begun again with units");
+                }
+                Answer::Joined(reply)
+            }
+            Ask::Report(report) => Answer::Reported(self.orders(key, &report)),
+            Ask::Leave => {
+                self.take_all(key, "it leaves with units");
+                self.state().workers.leave(key);
+                Answer::Noted
+            }
+            Ask::Lease(wanted) => Answer::Granted(self.grant(key, &wanted)),
+            Ask::GiveBack(held) => {
+                self.take_back(key, &held);
+                Answer::Noted
+            }
+            Ask::Files(scene, from) => Answer::Files(self.list_files(key, &scene, from)),
+            Ask::File(part) => Answer::File(self.read_file(key, &part)),
+            Ask::Result(finished) => Answer::Result(self.take_result(key, finished)),
+            Ask::Failure(failure) => {
+                self.take_failure(key, failure);
+                Answer::Noted
+            }
+        }
+    }
+
     /// Files of a scene, from a number on, and the number of all. None if workers may not have them.
     fn list_files(&self, key: &str, scene: &str, from: u32) -> Option<(Vec<SceneFile>, u32)> {
         if !self.is_shared(scene) {
@@ -81,7 +92,9 @@ impl Runner {
             self.state().workers.complain(key, "it asks for a file of a scene that no job or view has");
             return None;
         }
-        self.files.read(part, &self.store.scene_folder(&part.scene)).ok()
+        let bytes = self.files.read(part, &self.store.scene_folder(&part.scene)).ok()?;
+        self.state().measured.sent(bytes.len(), Instant::now());
+        Some(bytes)
     }
 
     /// Takes note of what a worker does, and tells it what to stop.

@@ -53,8 +53,9 @@ pub(super) struct FrameState {
 /// What became of a finished unit.
 #[derive(Debug, PartialEq)]
 pub(super) enum Kept {
-    /// It is on the disk and in the ledger. Whether the frame has all of its samples now.
-    New { unit: UnitRow, is_complete: bool },
+    /// It is on the disk and in the ledger. Whether the frame has all of its samples now, and the seconds for which it
+    /// was locked.
+    New { unit: UnitRow, is_complete: bool, locked_s: f64 },
     /// It was there before, or its pass has ended.
     Before,
     /// It is of another picture: scene, options or program differ.
@@ -265,6 +266,7 @@ impl OpenFrame {
         write(&path, |file| file.write_all(patch.sums()))?;
         failpoint::pass("film-written");
         let mut state = self.state();
+        let locked = Instant::now();
         if let Err(kept) = state.wanted(&id)? {
             // The same sums may have come twice, and this file be the one that is known.
             if !state.loose.contains(&path) {
@@ -295,7 +297,7 @@ impl OpenFrame {
             let folded = self.fold(ledger, &mut state);
             folded.unwrap_or_else(|error| log::warn!("job {}: {error:?}", self.job));
         }
-        Ok(Kept::New { unit, is_complete })
+        Ok(Kept::New { unit, is_complete, locked_s: locked.elapsed().as_secs_f64() })
     }
 
     /// Writes all sums into one file.

@@ -4,7 +4,7 @@ use super::decisions::{self, Asked, Holding, MOST_ATTEMPTS, Taking, UnitRow};
 use super::ledger::JobState;
 use super::task::Task;
 use super::workers::Standing;
-use super::{Runner, State};
+use super::{Run, Runner, State};
 use crate::contract::{Granted, Held, Leased, MOST_SLOTS, Unit, UnitId, Wanted};
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -78,6 +78,11 @@ impl Outstanding {
         }
     }
 
+    /// True if any worker may render it: it is no second rendering, and no worker has failed at it.
+    fn is_plain(&self) -> bool {
+        self.compared.is_none() && self.failed.is_empty() && self.lost.is_empty()
+    }
+
     fn holder(&self, key: &str) -> Option<&Holder> {
         self.holders.iter().find(|holder| holder.key == key)
     }
@@ -143,10 +148,21 @@ impl Runner {
             Some(unit) => Arc::clone(&unit.unit),
             None if has >= slots => return Granted::None,
             None => {
-                let taking = |unit: &Outstanding| (unit.taking(key, state, lease), unit.order);
+                // What others cannot do is for those that stand by, too.
+                let stands_by = !state.workers.helps(key);
+                let late = Self::too_late(key, state, lease);
+                let taking = |unit: &Outstanding| match unit.taking(key, state, lease) {
+                    _ if unit.is_plain() && (stands_by || late.contains(&unit.unit.id.job)) => {
+                        (Taking::No, unit.order)
+                    }
+                    taking => (taking, unit.order),
+                };
                 let best = state.outstanding.values().min_by_key(|unit| taking(unit));
-                let best = best.filter(|unit| unit.taking(key, state, lease) != Taking::No);
+                let best = best.filter(|unit| taking(unit).0 != Taking::No);
                 let Some(id) = best.map(|unit| unit.unit.id.clone()) else {
+                    if stands_by && has == 0 {
+                        return Granted::StandBy;
+                    }
                     state.is_hungry = true;
                     return Granted::None;
                 };
@@ -164,6 +180,21 @@ impl Runner {
         };
         let token = self.token(&unit.id, key);
         Granted::Unit(Box::new(Leased { unit: (*unit).clone(), token }))
+    }
+
+    /// The jobs whose scenes a worker does not have and would have too late.
+    fn too_late(key: &str, state: &State, lease: Duration) -> HashSet<String> {
+        let lacks = |run: &&Run| !run.frames.is_empty() && !state.workers.has_scene(key, &run.job.scene);
+        let is_late = |run: &&Run| {
+            let scene = &run.job.scene;
+            let units = state.outstanding.values().filter(|unit| unit.unit.scene == *scene);
+            let holders = units.flat_map(|unit| &unit.holders).map(|holder| &*holder.key);
+            let fetching: HashSet<&str> =
+                holders.filter(|other| *other != key && !state.workers.has_scene(other, scene)).collect();
+            let slots = state.workers.slots_with(scene, lease) + fetching.len();
+            !state.measured.is_to_fetch(run.scene_bytes, run.rest_s(), fetching.len(), slots)
+        };
+        state.runs.values().filter(lacks).filter(is_late).map(|run| run.job.id.clone()).collect()
     }
 
     /// Takes a unit back that a worker returns without sums.

@@ -20,6 +20,7 @@ mod frame;
 mod judge;
 pub mod ledger;
 mod lending;
+mod measured;
 mod own_scene;
 mod planner;
 mod request;
@@ -50,6 +51,7 @@ use files::SceneFiles;
 use frame::OpenFrame;
 use ledger::{Job, Ledger, LedgerError};
 use lending::{Comparison, Outstanding};
+use measured::Measured;
 use raystream::schedule::Priority;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::PathBuf;
@@ -79,6 +81,8 @@ pub struct FarmOptions {
     pub most_files: Option<usize>,
     /// The share of units that two workers render, from 0 to 1.
     pub compared_share: f64,
+    /// Workers that render units at the same time, at most; others stand by. None: as many as help.
+    pub most_workers: Option<usize>,
 }
 
 impl std::fmt::Debug for FarmOptions {
@@ -137,6 +141,9 @@ struct State {
     /// Units that a second worker is to render.
     comparisons: VecDeque<Comparison>,
     workers: Workers,
+    measured: Measured,
+    /// When it was last decided how many workers help.
+    invited: Option<Instant>,
     /// Scenes of views, each for as long as its view is open.
     views: Vec<(String, Weak<()>)>,
     /// True if open frames have fewer units than are wanted.
@@ -161,6 +168,10 @@ struct State {
 struct Run {
     job: Job,
     given: u64,
+    /// Samples that it has, those of an earlier process as far as they are known.
+    kept: f64,
+    /// Bytes of its scene.
+    scene_bytes: u64,
     /// How fast its units are.
     speed: Speed,
     frames: BTreeMap<u32, Arc<OpenFrame>>,
@@ -170,6 +181,13 @@ struct Run {
     tasks: Vec<(TaskKey, Arc<UnitWatch>)>,
     /// No task begins before.
     rests_until: Option<Instant>,
+}
+
+impl Run {
+    /// Seconds of a slot that the rest of it takes.
+    fn rest_s(&self) -> f64 {
+        (self.job.demand.samples() as f64 - self.kept).max(0.0) / self.speed.samples_per_second()
+    }
 }
 
 impl std::fmt::Debug for Runner {

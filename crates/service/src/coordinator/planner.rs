@@ -78,6 +78,9 @@ impl Runner {
             let run = state.runs.entry(job.id.clone()).or_insert_with(|| Run {
                 job: job.clone(),
                 given: entry,
+                kept: self.ledger.totals(&job.id).map_or(0.0, |totals| totals.share)
+                    * job.demand.samples() as f64,
+                scene_bytes: self.ledger.scene(&job.scene).ok().flatten().unwrap_or(0),
                 speed: Default::default(),
                 frames: BTreeMap::new(),
                 has_more: false,
@@ -209,10 +212,12 @@ impl Runner {
     fn choose_units(&self) -> Vec<Offer> {
         let state = &mut *self.state();
         let heard = self.bus.lease_time().max(Duration::from_secs(2));
-        let slots = state.workers.slots(heard);
-        let wanted = decisions::wanted(slots);
         let open = state.runs.values().map(|run| run.frames.len()).sum();
         let more = state.runs.values().any(|run| run.has_more);
+        let most = self.farm.most_workers.unwrap_or(usize::MAX);
+        state.invite(if more { decisions::OPEN_FRAMES } else { open }, most, heard);
+        let (_, slots) = state.workers.slots(heard);
+        let wanted = decisions::wanted(slots);
         let sizes = self.sizes(decisions::at_once(slots, open, more));
         let mut offers: Vec<Offer> = Vec::new();
         while state.outstanding.len() + offers.len() < wanted
@@ -228,6 +233,19 @@ impl Runner {
 }
 
 impl State {
+    /// Decides how many workers help with so many frames, from time to time: at most so many.
+    fn invite(&mut self, frames: usize, most: usize, heard: Duration) {
+        if self.invited.is_some_and(|last| last.elapsed() < PLANNER_PAUSE) {
+            return;
+        }
+        self.invited = Some(Instant::now());
+        let (workers, slots) = self.workers.slots(heard);
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let slots = slots as f64 / workers.max(1) as f64;
+        let helping = self.measured.most_workers(threads as f64, slots.max(1.0), frames.max(1));
+        self.workers.invite(helping.min(most), heard);
+    }
+
     /// Lets workers have a unit.
     fn offer(&mut self, offer: Offer) {
         let Offer { id, job, row, blocks, compared, .. } = offer;

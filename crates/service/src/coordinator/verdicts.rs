@@ -44,16 +44,18 @@ impl Runner {
         if id.copy > 0 {
             return self.take_comparison(key, &name, &finished, compared, &frame);
         }
-        let (seconds, digest, blocks) = (finished.seconds, finished.digest.clone(), finished.blocks.clone());
+        let (digest, blocks) = (finished.digest.clone(), finished.blocks.clone());
+        let (seconds, opening_s) = (finished.seconds, finished.opening_s);
         let by = By { key, name: &name, is_compared };
         let (verdict, label) = match frame.keep(&self.ledger, finished, by, leased) {
-            Ok(Kept::New { unit: row, is_complete }) => {
+            Ok(Kept::New { unit: row, is_complete, locked_s }) => {
                 self.trouble.end();
                 metrics::histogram!("raystream_unit_seconds").record(seconds);
                 let first = Party { key: key.to_owned(), name, digest };
                 let samples = row.samples();
                 let id = UnitId { copy: 1, ..id.clone() };
                 let comparison = is_compared.then_some(Comparison { id, row, blocks, first });
+                self.state().measured.kept(locked_s, (seconds - opening_s).max(0.0));
                 self.note_kept(key, &finished_id, samples, seconds, comparison);
                 failpoint::pass(if is_complete { "frame-complete" } else { "unit-kept" });
                 (ResultReply::Kept, "done")
@@ -90,7 +92,11 @@ impl Runner {
         let state = &mut *guard;
         state.workers.returned(key);
         state.workers.done(key, samples, seconds);
-        state.runs.get_mut(&id.job).into_iter().for_each(|run| run.speed.add(samples, seconds));
+        if let Some(run) = state.runs.get_mut(&id.job) {
+            run.speed.add(samples, seconds);
+            run.kept += samples as f64;
+            state.workers.has_fetched(key, &run.job.scene);
+        }
         for (failed, error) in state.remove(id).map_or(Vec::new(), |unit| unit.failed) {
             let what = format!("it says that it cannot render what others can ({error})");
             state.workers.failed(&failed, &what, lease);

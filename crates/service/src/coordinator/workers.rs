@@ -3,7 +3,7 @@
 use super::decisions::{REST_LEASES, is_fruitless};
 use crate::contract::{Build, JoinReply, MOST_SLOTS, Report, WorkerInfo, is_name};
 use serde::Serialize;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
 
 /// Workers that were not heard of for this long are forgotten.
@@ -14,6 +14,9 @@ const MOST_KNOWN: usize = 20_000;
 
 /// Leases after which a worker that was not heard of counts as silent, and not as one that holds units.
 const SILENT_LEASES: u32 = 2;
+
+/// Scenes of a worker that are remembered.
+const MOST_SCENES: usize = 64;
 
 /// Complaints of a worker that are logged; then one in a hundred is.
 const LOGGED: u64 = 5;
@@ -40,6 +43,12 @@ struct Known {
     complaints: u64,
     /// When it last gave a unit back that was counted.
     gave_back: Option<Instant>,
+    /// Its place in the order in which workers have joined.
+    place: u64,
+    /// False if it does not help: there are others enough, or it would have the scene too late.
+    helps: bool,
+    /// The scenes of the units that it has returned.
+    scenes: HashSet<String>,
 }
 
 /// The standing of a worker that asks for a unit.
@@ -88,6 +97,8 @@ pub struct Workers {
     resting: HashMap<String, (Instant, String)>,
     /// How often in a row a worker has lost or given back what it had.
     fruitless: HashMap<String, u32>,
+    /// The number of workers that have ever joined.
+    joined: u64,
 }
 
 impl Known {
@@ -129,6 +140,8 @@ impl Workers {
         }
         let lease_ms = lease.as_millis() as u64;
         let another = self.known.get(key).is_some_and(|known| known.info.session != info.session);
+        self.joined += 1;
+        let place = self.joined;
         // One that comes back goes on counting.
         let known = self.known.entry(key.to_owned()).or_insert_with(|| Known {
             info: info.clone(),
@@ -146,10 +159,14 @@ impl Workers {
             sent_home: None,
             complaints: 0,
             gave_back: None,
+            place,
+            helps: true,
+            scenes: HashSet::new(),
         });
         if another {
             (known.sent_home, known.owes_since) = (None, None);
             known.foreign.clear();
+            known.scenes.clear();
         }
         (known.info, known.seen, known.is_draining) = (info, Instant::now(), false);
         (JoinReply::Joined { lease_ms }, another)
@@ -355,11 +372,47 @@ impl Workers {
             && self.rests(key).is_none()
     }
 
-    /// Forgets workers that are gone. Returns the slots of the others that take units and were heard of within a time.
-    pub fn slots(&mut self, within: Duration) -> usize {
+    /// Forgets workers that are gone. Returns the number of the others that help and were heard of within a time, and
+    /// their slots.
+    pub fn slots(&mut self, within: Duration) -> (usize, usize) {
         self.known.retain(|_, known| known.seen.elapsed() < FORGOTTEN_AFTER);
+        let there = self.known.iter().filter(|(key, known)| known.helps && self.is_there(key, known, within));
+        there.fold((0, 0), |(count, slots), (_, known)| (count + 1, slots + known.info.slots as usize))
+    }
+
+    /// Lets the first so many workers help that were heard of within a time; the others stand by.
+    pub fn invite(&mut self, most: usize, within: Duration) {
         let there = self.known.iter().filter(|(key, known)| self.is_there(key, known, within));
+        let mut places: Vec<u64> = there.map(|(_, known)| known.place).collect();
+        let last =
+            if places.len() > most && most > 0 { *places.select_nth_unstable(most - 1).1 } else { u64::MAX };
+        self.known.values_mut().for_each(|known| known.helps = known.place <= last);
+    }
+
+    /// True if a worker is one of those that help.
+    pub fn helps(&self, key: &str) -> bool {
+        self.known.get(key).is_none_or(|known| known.helps)
+    }
+
+    /// True if a worker has returned a unit of a scene, so that it has the scene.
+    pub fn has_scene(&self, key: &str, scene: &str) -> bool {
+        self.known.get(key).is_some_and(|known| known.scenes.contains(scene))
+    }
+
+    /// The slots of the workers that have a scene and were heard of within a time.
+    pub fn slots_with(&self, scene: &str, within: Duration) -> usize {
+        let has = |known: &Known| known.scenes.contains(scene);
+        let there = self.known.iter().filter(|(key, known)| has(known) && self.is_there(key, known, within));
         there.map(|(_, known)| known.info.slots as usize).sum()
+    }
+
+    /// Takes note that a worker has a scene.
+    pub fn has_fetched(&mut self, key: &str, scene: &str) {
+        let Some(known) = self.known.get_mut(key) else { return };
+        if known.scenes.len() >= MOST_SCENES {
+            known.scenes.clear();
+        }
+        known.scenes.insert(scene.to_owned());
     }
 
     /// True if a worker that is none of these takes units and was heard of within a time.
@@ -406,6 +459,7 @@ impl Workers {
             () if known.seen.elapsed() >= within => "silent",
             () if known.is_draining => "draining",
             () if known.units > 0 => "busy",
+            () if !known.helps => "standing by",
             () => "idle",
         };
         let reason = quarantined.or(rests);
@@ -432,10 +486,64 @@ impl Workers {
 
 impl ShownWorker {
     /// All states that a worker can be in.
-    const STATES: [&str; 6] = ["busy", "idle", "draining", "silent", "resting", QUARANTINED];
+    const STATES: [&str; 7] = ["busy", "idle", "standing by", "draining", "silent", "resting", QUARANTINED];
 
     /// The number of workers in each state.
-    pub fn counts(workers: &[Self]) -> [(&'static str, usize); 6] {
+    pub fn counts(workers: &[Self]) -> [(&'static str, usize); 7] {
         Self::STATES.map(|state| (state, workers.iter().filter(|worker| worker.state == state).count()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LONG: Duration = Duration::from_secs(60);
+
+    fn join(workers: &mut Workers, key: &str) {
+        let info = WorkerInfo {
+            worker: key.into(),
+            host: "here".into(),
+            build: Build::own(),
+            session: 1,
+            slots: 2,
+            units: "one".into(),
+            is_live: false,
+        };
+        assert!(matches!(workers.join(key, info, LONG).0, JoinReply::Joined { .. }));
+    }
+
+    #[test]
+    fn the_first_to_join_help_and_the_next_one_does_when_one_leaves() {
+        let mut workers = Workers::default();
+        ["a", "b", "c", "d"].iter().for_each(|key| join(&mut workers, key));
+        assert_eq!(workers.slots(LONG), (4, 8));
+        let helping = |workers: &mut Workers, most| {
+            workers.invite(most, LONG);
+            ["a", "b", "c", "d"].map(|key| workers.helps(key))
+        };
+        assert_eq!(helping(&mut workers, 2), [true, true, false, false]);
+        assert_eq!(workers.slots(LONG), (2, 4));
+        // Who joins again keeps its place; who rests has none.
+        join(&mut workers, "a");
+        assert_eq!(helping(&mut workers, 1), [true, false, false, false]);
+        workers.rest("a", "a test", LONG);
+        assert_eq!(helping(&mut workers, 2)[1..], [true, true, false]);
+        workers.leave("b");
+        assert_eq!(helping(&mut workers, 2)[2..], [true, true]);
+        assert_eq!(helping(&mut workers, usize::MAX), [true; 4]);
+        let shown = workers.shown(LONG);
+        assert!(shown.iter().all(|worker| worker.state != "standing by"));
+        workers.invite(1, LONG);
+        assert_eq!(ShownWorker::counts(&workers.shown(LONG))[2], ("standing by", 1));
+    }
+
+    #[test]
+    fn who_has_returned_a_unit_has_its_scene() {
+        let mut workers = Workers::default();
+        ["a", "b"].iter().for_each(|key| join(&mut workers, key));
+        workers.has_fetched("a", "s");
+        assert!(workers.has_scene("a", "s") && !workers.has_scene("b", "s") && !workers.has_scene("a", "t"));
+        assert_eq!((workers.slots_with("s", LONG), workers.slots_with("t", LONG)), (2, 0));
     }
 }

@@ -114,6 +114,8 @@ pub struct Worker {
     refused: Mutex<Option<String>>,
     /// Why it was last given no units.
     rests: Mutex<String>,
+    /// Whether it stands by: the coordinator has workers enough.
+    stands_by: AtomicBool,
     /// When scenes were last forgotten.
     discarded: Mutex<HashMap<String, Instant>>,
     last_unit: Mutex<Instant>,
@@ -187,6 +189,7 @@ impl Worker {
             is_ending: AtomicBool::new(false),
             refused: Mutex::default(),
             rests: Mutex::default(),
+            stands_by: AtomicBool::new(false),
             discarded: Mutex::default(),
             last_unit: Mutex::new(Instant::now()),
             rays: AtomicU64::new(0),
@@ -261,7 +264,8 @@ impl Worker {
             let mut last = Instant::now();
             while live.load(Relaxed) > 0 {
                 std::thread::sleep(Duration::from_millis(20));
-                let every = REPORT.min(*lock(&own.lease_time) / BEATS);
+                let rarely = *lock(&own.lease_time) / BEATS;
+                let every = if own.stands_by.load(Relaxed) { rarely } else { REPORT.min(rarely) };
                 if own.has_stopped.swap(false, Relaxed) || last.elapsed() >= every {
                     last = Instant::now();
                     own.report();
@@ -373,9 +377,14 @@ impl Worker {
                 let watch = Arc::new(UnitWatch::new(priority.unwrap_or(Priority::Normal)));
                 let active = Active { token: leased.token.clone(), watch: Arc::clone(&watch) };
                 lock(&self.active).insert(unit.id.clone(), active);
+                self.stands_by.store(false, Relaxed);
                 return Some((leased, watch));
             }
             Ok(Answer::Granted(Granted::None)) => {}
+            Ok(Answer::Granted(Granted::StandBy)) => {
+                self.stand_by();
+                return None;
+            }
             Ok(Answer::Granted(Granted::Rests(why))) => {
                 let mut last = lock(&self.rests);
                 if *last != why {
@@ -396,6 +405,17 @@ impl Worker {
         }
         self.bus.bell().wait(rings, pause);
         None
+    }
+
+    /// Waits for a lease's time before it asks again, whatever units there may be meanwhile.
+    fn stand_by(&self) {
+        if !self.stands_by.swap(true, Relaxed) {
+            log::info!("the coordinator has workers enough; this one stands by");
+        }
+        let (began, wait) = (Instant::now(), *lock(&self.lease_time));
+        while began.elapsed() < wait && !self.is_draining.load(Relaxed) {
+            std::thread::sleep(LEASE_PATIENCE.min(wait - began.elapsed().min(wait)));
+        }
     }
 
     /// Renders a unit, whatever happens.

@@ -40,6 +40,9 @@ pub struct FarmArgs {
     /// Share of the units that two workers render and that are compared.
     #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = share)]
     pub compared: f64,
+    /// Workers that render jobs at the same time; others stand by [default: as many as help].
+    #[arg(long, value_name = "N")]
+    pub most_workers: Option<std::num::NonZeroUsize>,
 }
 
 /// `raystream worker`.

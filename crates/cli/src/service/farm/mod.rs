@@ -66,6 +66,7 @@ pub fn connect(
     let farm_name = options.prefix.clone();
     farm.bus = Some(Arc::new(NatsBus::connect(options, "raystream coordinator")?));
     farm.compared_share = args.compared;
+    farm.most_workers = args.most_workers.map(std::num::NonZeroUsize::get);
     let of_farm = if farm_name == "raystream" { String::new() } else { format!(" --farm {farm_name}") };
     let keys = own.as_ref().map(|own| format!(" --nats-key {}", own.worker_keys().display()));
     stderr_line!("workers join with: raystream worker --nats {url}{of_farm}{}", keys.unwrap_or_default());

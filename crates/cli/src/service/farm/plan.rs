@@ -7,9 +7,7 @@ use crate::service::args::{FarmPlanArgs, JobName};
 use crate::sheet::Provenance;
 use crate::stats;
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use raystream_bench::plan::{
-    Costs, Farm, FramesJob, PlannedJob, Prediction, measured, predict, predict_together,
-};
+use raystream_bench::plan::{Costs, Farm, FramesJob, PlannedJob, Prediction, measured, predict_all};
 use serde::Serialize;
 use std::path::Path;
 
@@ -54,14 +52,14 @@ pub fn run(args: &FarmPlanArgs) -> Result<Outcome> {
     let sizes = sizes(&args.machines);
     let mut rows = Vec::new();
     for jobs in jobs(args, from_job.map(|(_, job)| job))? {
-        let predicted = |machines: u32| predicted(args, &costs, &jobs, machines);
-        let one = predicted(1);
-        ensure_done(&one)?;
-        for &machines in &sizes {
-            let prediction = if machines == 1 { one.clone() } else { predicted(machines) };
-            ensure_done(&prediction)?;
-            rows.push(Row::new(prediction, &one));
-        }
+        let farms: Vec<Farm> = sizes.iter().map(|machines| farm(args, *machines)).collect();
+        let predictions = predict_all(&farms, &costs, &jobs);
+        let [one, ..] = &predictions[..] else { bail!("there is no farm") };
+        predictions.iter().try_for_each(ensure_done)?;
+        let is_asked = |prediction: &&Prediction| {
+            args.machines.len() == 1 || args.machines.contains(&prediction.machines)
+        };
+        rows.extend(predictions.iter().filter(is_asked).map(|prediction| Row::new(prediction.clone(), one)));
     }
     print(&rows);
     if let Some(path) = &args.json {
@@ -142,12 +140,20 @@ fn merge(costs: &mut serde_json::Value, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// One number stands for 1, 2, 5, 10 and so on up to it.
+/// The sizes of farms to predict: 1, with which the others are compared, and those that are asked for. One number
+/// stands for 1, 2, 5, 10 and so on up to it.
 fn sizes(asked: &[u32]) -> Vec<u32> {
-    let [most] = *asked else { return asked.to_vec() };
-    let decades = (0..7).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u32.pow(power)));
-    let mut sizes: Vec<u32> = decades.filter(|size| *size < most).collect();
-    sizes.push(most);
+    let mut sizes = match *asked {
+        [most] => {
+            let decades = (0..7).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u32.pow(power)));
+            decades.filter(|size| *size < most).chain([most]).collect()
+        }
+        _ => asked.to_vec(),
+    };
+    if sizes.first() != Some(&1) {
+        sizes.retain(|size| *size != 1);
+        sizes.insert(0, 1);
+    }
     sizes
 }
 
@@ -182,23 +188,12 @@ fn of_name(name: JobName) -> PlannedJob {
     }
 }
 
-fn predicted(args: &FarmPlanArgs, costs: &Costs, jobs: &[PlannedJob], machines: u32) -> Prediction {
-    let farm = Farm {
+fn farm(args: &FarmPlanArgs, machines: u32) -> Farm {
+    Farm {
         machines,
         network_bits: args.network * 1e9,
         failure_s: args.failures.map(|hours| hours * 3600.0),
         compared: args.compared,
-    };
-    match jobs {
-        [job] => predict(&farm, costs, job),
-        jobs => {
-            let of_frames = |job: &PlannedJob| match job {
-                PlannedJob::Frames(job) => Some(job.clone()),
-                PlannedJob::Live(_) => None,
-            };
-            let jobs: Vec<FramesJob> = jobs.iter().filter_map(of_frames).collect();
-            predict_together(&farm, costs, &jobs)
-        }
     }
 }
 
@@ -257,6 +252,6 @@ mod tests {
         assert_eq!(sizes(&[1]), [1]);
         assert_eq!(sizes(&[12]), [1, 2, 5, 10, 12]);
         assert_eq!(sizes(&[100]), [1, 2, 5, 10, 20, 50, 100]);
-        assert_eq!(sizes(&[3, 4]), [3, 4]);
+        assert_eq!(sizes(&[3, 1, 4]), [1, 3, 4]);
     }
 }

@@ -1,6 +1,6 @@
 //! What the coordinator decides, as functions of what it knows: how units are cut, which are offered, who renders them,
-//! when sums are written into one file. Nothing here knows of threads, clocks, files or a bus, so the simulator
-//! (`raystream_bench::plan`) decides with the same code.
+//! who stands by, when sums are written into one file. Nothing here knows of threads, clocks, files or a bus, so the
+//! simulator (`raystream_bench::plan`) decides with the same code.
 
 mod cut;
 mod fair;
@@ -8,14 +8,16 @@ mod folding;
 mod leases;
 mod offers;
 mod pass_units;
+mod standby;
 
 pub use crate::coordinator::ledger::UnitRow;
 pub use cut::{BLOCK_PIXELS, Sizes, Speed};
 pub use fair::{Candidate, Share, entry, next};
 pub use folding::{MOST_FILES, is_to_be_folded};
 pub use leases::{Asked, FIRST_COMPARED, Holding, REST_LEASES, Taking, is_compared, is_fruitless, taking};
-pub use offers::{at_once, wanted, wants_frame};
+pub use offers::{OPEN_FRAMES, at_once, wanted, wants_frame};
 pub use pass_units::PassUnits;
+pub use standby::{FIRST_FETCHES, FIRST_WORKERS, Fetch, Load, is_to_fetch, most_workers};
 
 use std::time::Duration;
 

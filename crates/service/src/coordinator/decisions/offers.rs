@@ -1,7 +1,7 @@
 //! How many units are offered, and how many frames are open for them.
 
 /// Frames whose sums are in memory at the same time.
-const OPEN_FRAMES: usize = 16;
+pub const OPEN_FRAMES: usize = 16;
 
 /// Units that wait for each one that is under way, so that no worker waits for the coordinator.
 const WAITING: usize = 1;
