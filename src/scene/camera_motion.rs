@@ -72,6 +72,16 @@ pub trait Interpolate: Copy {
     fn sum(terms: [(f64, Self); 4]) -> Self;
 }
 
+impl Interpolate for f64 {
+    fn between(self, other: Self, t: f64) -> Self {
+        self + (other - self) * t
+    }
+
+    fn sum(terms: [(f64, Self); 4]) -> Self {
+        terms.into_iter().map(|(weight, value)| weight * value).sum()
+    }
+}
+
 impl Interpolate for DVec3 {
     fn between(self, other: Self, t: f64) -> Self {
         self.lerp(other, t)
@@ -133,7 +143,8 @@ impl<T: Interpolate> Track<T> {
         sound.then_some(Self { times, keys, interpolation })
     }
 
-    fn at(&self, seconds: f64) -> T {
+    /// The value at a time.
+    pub fn at(&self, seconds: f64) -> T {
         let after = self.times.partition_point(|&time| time <= seconds);
         if after == 0 || after == self.keys.len() {
             return self.keys[after.saturating_sub(1)].value;
@@ -154,6 +165,14 @@ impl<T: Interpolate> Track<T> {
                 ])
             }
         }
+    }
+}
+
+impl AnimatedNode {
+    /// The matrix at a time, relative to the parent.
+    pub fn matrix_at(&self, seconds: f64) -> DMat4 {
+        let (scale, rotation) = (self.scale.at(seconds), self.rotation.at(seconds));
+        DMat4::from_scale_rotation_translation(scale, rotation, self.translation.at(seconds))
     }
 }
 
@@ -181,11 +200,11 @@ impl CameraMotion {
     /// The camera at a time. If the transforms give it no direction it is invalid, and [`Camera::lens`] returns the
     /// error.
     pub fn at(&self, seconds: f64) -> Camera {
-        let matrix = |node: &AnimatedNode| {
-            let (scale, rotation) = (node.scale.at(seconds), node.rotation.at(seconds));
-            DMat4::from_scale_rotation_translation(scale, rotation, node.translation.at(seconds))
-        };
-        let matrix = self.nodes.iter().map(matrix).fold(DMat4::IDENTITY, |above, node| above * node);
+        let matrix = self
+            .nodes
+            .iter()
+            .map(|node| node.matrix_at(seconds))
+            .fold(DMat4::IDENTITY, |above, node| above * node);
         self.camera.posed_as(&Camera::transformed(&matrix, 40.0))
     }
 }

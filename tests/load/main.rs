@@ -7,6 +7,7 @@ mod document;
 mod environment;
 mod folder;
 mod gltf;
+mod gltf_animation;
 mod gltf_broken;
 mod gltf_instancing;
 mod gltf_materials;

@@ -12,6 +12,11 @@ spec_group! {
         flag "allow-missing" allow_missing;
         /// Show the glTF file's material variant of this name (KHR_materials_variants); `mesh` lists them.
         maybe "variant" variant: form::Text, "NAME";
+        /// Show the glTF file's animation at this time, in seconds. Without a
+        /// time, the scene is at rest.
+        maybe "time" time: form::Time, "SECONDS";
+        /// Show the glTF file's animation of this name instead of its first one.
+        maybe "animation" animation: form::Text, "NAME";
     }
 }
 
@@ -19,9 +24,8 @@ impl LoadingSpec {
     /// Options of the loaders, within a budget of memory.
     pub fn options(&self, memory: &MemoryBudget) -> LoadOptions {
         let options = LoadOptions::default().with_memory(*memory).with_allow_missing(self.allow_missing);
-        match &self.variant {
-            None => options,
-            Some(variant) => options.with_variant(variant),
-        }
+        let options = self.variant.iter().fold(options, LoadOptions::with_variant);
+        let options = self.time.iter().fold(options, |options, time| options.with_time(*time));
+        self.animation.iter().fold(options, LoadOptions::with_animation)
     }
 }

@@ -88,13 +88,23 @@ pub enum LoadProblem {
         extension: String,
     },
     /// The file has no material variant of the requested name ([`super::LoadOptions::with_variant`]).
-    #[error("{}: has no material variant {name:?}; {}", path.display(), known_variants(known))]
+    #[error("{}: has no material variant {name:?}; {}", path.display(), known_names("variants", known))]
     Variant {
         /// The file.
         path: PathBuf,
         /// The requested name.
         name: String,
         /// The variants that the file has.
+        known: Vec<String>,
+    },
+    /// The file has no animation of the requested name ([`super::LoadOptions::with_animation`]).
+    #[error("{}: has no animation {name:?}; {}", path.display(), known_names("animations", known))]
+    Animation {
+        /// The file.
+        path: PathBuf,
+        /// The requested name.
+        name: String,
+        /// The animations that the file has.
         known: Vec<String>,
     },
     /// A material's texture is missing or cannot be decoded ([`super::LoadOptions::with_allow_missing`]).
@@ -136,9 +146,9 @@ pub enum LoadProblem {
 }
 
 /// The names that may be requested.
-fn known_variants(known: &[String]) -> String {
+fn known_names(what: &str, known: &[String]) -> String {
     if known.is_empty() {
-        return "it has no variants".into();
+        return format!("it has no {what}");
     }
     let names: Vec<String> = known.iter().map(|name| format!("{name:?}")).collect();
     format!("choose one of {}", names.join(", "))

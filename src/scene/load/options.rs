@@ -15,11 +15,13 @@ use std::path::{Component, Path, PathBuf};
 /// # assert!(scene.warnings.is_empty());
 /// # Ok::<(), raystream::scene::load::LoadError>(())
 /// ```
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
     pub(super) memory: MemoryBudget,
     pub(super) allow_missing: bool,
     pub(super) variant: Option<String>,
+    pub(super) time: Option<f64>,
+    pub(super) animation: Option<String>,
     pub(super) root: Option<PathBuf>,
 }
 
@@ -42,6 +44,20 @@ impl LoadOptions {
     #[must_use]
     pub fn with_variant(self, variant: impl Into<String>) -> Self {
         Self { variant: Some(variant.into()), ..self }
+    }
+
+    /// The time of a glTF file's animation to show, in seconds. Before its first key and after its last one, each part
+    /// keeps the pose of that key. Otherwise the pose at rest is shown.
+    #[must_use]
+    pub fn with_time(self, seconds: f64) -> Self {
+        Self { time: Some(seconds), ..self }
+    }
+
+    /// The animation of a glTF file to show, by name, at its time ([`Self::with_time`]; 0 otherwise); one without a name
+    /// is called `animation 0`, by its number. Otherwise the first one is shown.
+    #[must_use]
+    pub fn with_animation(self, name: impl Into<String>) -> Self {
+        Self { animation: Some(name.into()), ..self }
     }
 
     /// The folder that a scene's files lie in: to name one outside of it is an error, whether it is there or not. The

@@ -5,7 +5,7 @@
 //!   moves instances by operations that are as exactly defined. Tracers build on these two.
 //! - [`Sampler`] gives random numbers for a pixel and sample, [`warp`] maps them to directions and points,
 //!   and [`Basis`] turns directions into world space. Cameras, lights and shading build on these three.
-//! - [`Aabb`] is the box type, and [`octahedral`] packs unit vectors.
+//! - [`Aabb`] is the box type, [`octahedral`] packs unit vectors, and [`Skin`] bends meshes.
 //!
 //! Words are defined in `docs/glossary.md`.
 
@@ -18,6 +18,7 @@ mod half_open_eight;
 pub mod octahedral;
 mod placement;
 mod sampler;
+mod skin;
 pub mod warp;
 
 pub use aabb::Aabb;
@@ -38,3 +39,4 @@ pub use sampler::Sampler;
 pub use sampler::mix;
 #[doc(hidden)]
 pub use sampler::{mix_lanes, unit};
+pub use skin::{Bend, Skin, SkinError};

@@ -3,7 +3,7 @@
 use super::disk_cache::{Kept, shrink};
 use crate::contract::hex;
 use raystream::memory::MemoryBudget;
-use raystream::picture::RenderSpec;
+use raystream::picture::{RenderSpec, SpecGroup};
 use raystream::scene::{Scene, flat};
 use serde_json::json;
 use sha2::{Digest, Sha256};
@@ -42,10 +42,9 @@ impl LoadedScenes {
         if folder.parent()? != self.uploads {
             return None;
         }
-        let loading = &spec.loading;
         let entry = spec.scene.as_deref()?.strip_prefix(folder).ok()?.to_str()?;
         let upload = folder.file_name()?.to_str()?;
-        let all = json!([flat::VERSION, self.program, upload, entry, loading.variant, loading.allow_missing]);
+        let all = json!([flat::VERSION, self.program, upload, entry, spec.loading.entries(true)]);
         let name = hex(&Sha256::digest(all.to_string().as_bytes()));
         Some(self.folder.join(name).with_extension("flat"))
     }

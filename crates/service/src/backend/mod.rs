@@ -21,10 +21,11 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::MemoryBudget;
 use raystream::picture::{
-    CheckedSpec, Registry, RenderSpec, SceneSpec, SpecError, afford, scene_file, with_causes,
+    CheckedSpec, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file, with_causes,
 };
 use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};
+use serde_json::Value;
 use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -267,11 +268,12 @@ fn scene_reading(
     if let Some(flat) = flat {
         command.arg("--flat").arg(flat);
     }
-    if spec.loading.allow_missing {
-        command.arg("--allow-missing");
-    }
-    if let Some(variant) = &spec.loading.variant {
-        command.arg(format!("--variant={variant}"));
+    for (name, value) in spec.loading.entries(false) {
+        command.arg(match value {
+            Value::Bool(_) => format!("--{name}"),
+            Value::String(text) => format!("--{name}={text}"),
+            other => format!("--{name}={other}"),
+        });
     }
     if let Some(env) = &spec.light.env {
         command.arg(format!("--env={env}"));

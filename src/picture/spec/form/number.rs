@@ -135,6 +135,11 @@ numbers! {
         Ok(fps) if fps.is_normal() && fps > 0.0 => Ok(fps),
         _ => Err("write a positive number of frames per second, as in 24 or 29.97".into()),
     };
+    /// A time of an animation in seconds.
+    Time: f64 = text => match text.trim().parse::<f64>() {
+        Ok(seconds) if seconds.is_finite() => Ok(seconds),
+        _ => Err("write a finite number of seconds, as in 1.5".into()),
+    };
     /// A colour temperature in kelvin.
     Kelvin: f32 = text => {
         let (least, greatest) = (Look::KELVINS.start(), Look::KELVINS.end());

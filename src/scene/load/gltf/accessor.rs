@@ -143,6 +143,36 @@ pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>
     read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32)
 }
 
+/// Reads an accessor of unsigned integers with four components, as numbers that are not normalised.
+///
+/// # Errors
+/// When the accessor has another type, or names bytes or elements that do not exist.
+pub(super) fn plain_vectors(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<[f32; 4]>, String> {
+    let kind = accessor.data_type();
+    if accessor.dimensions() != Dimensions::Vec4 || !matches!(kind, DataType::U8 | DataType::U16) {
+        return Err(format!(
+            "is of type {:?} of {kind:?}, but four unsigned integers of 8 or 16 bits are required",
+            accessor.dimensions()
+        ));
+    }
+    read(buffers, accessor, 4, [0.0; 4], |elements, i| from_index(|c| elements.number(i, c) as f32))
+}
+
+/// Reads an accessor of matrices of 4 rows and columns.
+///
+/// # Errors
+/// When the accessor has another type, or names bytes or elements that do not exist.
+pub(super) fn matrices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<[f32; 16]>, String> {
+    let kind = accessor.data_type();
+    if accessor.dimensions() != Dimensions::Mat4 || kind != DataType::F32 {
+        return Err(format!(
+            "is of type {:?} of {kind:?}, but matrices of 4 x 4 floats are required",
+            accessor.dimensions()
+        ));
+    }
+    read(buffers, accessor, 16, [0.0; 16], |elements, i| from_index(|c| elements.number(i, c) as f32))
+}
+
 /// Reads all elements, and replaces the elements that the sparse part lists.
 fn read<T: Clone>(
     buffers: &Buffers,

@@ -1,13 +1,13 @@
-//! Reads animations. Only the camera's animation is supported.
+//! Reads animations: that of a camera, and the keys of any node.
 
 use super::super::LoadProblem;
-use super::Context;
 use super::accessor::vectors;
+use super::{Context, pose};
 use crate::scene::{
     AnimatedNode, Camera, CameraMotion, Interpolate, Interpolation, Key, Track, unit_rotation,
 };
-use ::gltf::Node;
 use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
+use ::gltf::{Animation, Node};
 use glam::{DQuat, DVec3};
 use std::collections::BTreeSet;
 
@@ -27,39 +27,63 @@ pub(super) fn camera_motion(
     };
     let document = context.document;
     let mut moving = document.animations().filter(|animation| animation.channels().any(|c| moves(&c)));
-    let Some(animation) = moving.next() else { return Ok(None) };
-    if moving.next().is_some() {
-        context.session.warnings.add("Several animations move a camera; the first one is used.");
-    }
+    let animation = if context.session.options.animation.is_some() {
+        pose::chosen(context)?.filter(|animation| animation.channels().any(|c| moves(&c)))
+    } else {
+        let first = moving.next();
+        if moving.next().is_some() {
+            context.session.warnings.add("Several animations move a camera; the first one is used.");
+        }
+        first
+    };
+    let Some(animation) = animation else { return Ok(None) };
     let mut nodes: Vec<AnimatedNode> = chain.iter().map(constant).collect();
     for channel in animation.channels().filter(moves) {
         let target = channel.target();
         let node = chain.iter().position(|node| node.index() == target.node().index());
         let node = &mut nodes[node.expect("the channel moves a node of the chain")];
-        match target.property() {
-            Property::Translation => {
-                node.translation = track(context, &animation, &channel, DVec3::from_array)?
-            }
-            Property::Scale => node.scale = track(context, &animation, &channel, DVec3::from_array)?,
-            Property::Rotation => node.rotation = track(context, &animation, &channel, DQuat::from_array)?,
-            Property::MorphTargetWeights => {}
-        }
+        read(context, &animation, &channel, node)?;
     }
     Ok(Some(CameraMotion::new(40.0, nodes).with_optics_of(camera)))
 }
 
-/// Warns if the file animates anything except cameras; `nodes` are theirs and those above them.
+/// Reads the keys of a channel into the node that it moves. Weights of morph targets are no part of it.
+///
+/// # Errors
+/// When keys are missing or out of order.
+pub(super) fn read(
+    context: &Context,
+    animation: &Animation,
+    channel: &Channel,
+    node: &mut AnimatedNode,
+) -> Result<(), LoadProblem> {
+    match channel.target().property() {
+        Property::Translation => node.translation = track(context, animation, channel, DVec3::from_array)?,
+        Property::Scale => node.scale = track(context, animation, channel, DVec3::from_array)?,
+        Property::Rotation => node.rotation = track(context, animation, channel, DQuat::from_array)?,
+        Property::MorphTargetWeights => {}
+    }
+    Ok(())
+}
+
+/// Warns if the file animates anything except cameras, whose nodes and those above them are `nodes`, and no time was
+/// chosen.
 pub(super) fn warn_of_others(context: &mut Context, nodes: &BTreeSet<usize>) {
+    let options = &context.session.options;
+    if options.time.is_some() || options.animation.is_some() {
+        return;
+    }
     let in_chain = |channel: &Channel| nodes.contains(&channel.target().node().index());
     if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
-        context
-            .session
-            .warnings
-            .add("Only animations of the camera are supported; everything else keeps its rest pose.");
+        let names = pose::names(context.document).join(", ");
+        context.session.warnings.add(format!(
+            "The file is animated ({names}); it keeps its rest pose unless a time is chosen (--time)."
+        ));
     }
 }
 
-fn constant(node: &Node) -> AnimatedNode {
+/// A node that stands still.
+pub(super) fn constant(node: &Node) -> AnimatedNode {
     let (translation, rotation, scale) = node.transform().decomposed();
     AnimatedNode {
         translation: Track::constant(DVec3::from_array(translation.map(f64::from))),
@@ -68,35 +92,84 @@ fn constant(node: &Node) -> AnimatedNode {
     }
 }
 
+/// The keys of each of a mesh's morph targets.
+///
+/// # Errors
+/// When keys are missing or out of order.
+pub(super) fn weights(
+    context: &Context,
+    animation: &Animation,
+    channel: &Channel,
+    targets: usize,
+) -> Result<Vec<Track<f64>>, LoadProblem> {
+    let keys = Keys::<1>::read(context, animation, channel)?;
+    let value = |[weight]: [f32; 1]| f64::from(weight);
+    (0..targets).map(|target| keys.track((target, targets), value)).collect()
+}
+
 fn track<T: Interpolate, const N: usize>(
     context: &Context,
-    animation: &::gltf::Animation,
+    animation: &Animation,
     channel: &Channel,
     value: fn([f64; N]) -> T,
 ) -> Result<Track<T>, LoadProblem> {
-    let sampler = channel.sampler();
-    let place = format!("animations[{}].channels[{}]", animation.index(), channel.index());
-    let wrong = |problem: String| context.error(place.clone(), problem);
-    let times =
-        vectors::<1>(context.buffers, &sampler.input()).map_err(|e| wrong(format!("its input {e}")))?;
-    let values =
-        vectors::<N>(context.buffers, &sampler.output()).map_err(|e| wrong(format!("its output {e}")))?;
-    let finite = values.as_flattened().iter().all(|number| number.is_finite());
-    let values: Vec<T> = values.into_iter().map(|v| value(v.map(f64::from))).collect();
-    let (interpolation, width) = match sampler.interpolation() {
-        SourceInterpolation::Step => (Interpolation::Step, 1),
-        SourceInterpolation::Linear => (Interpolation::Linear, 1),
-        SourceInterpolation::CubicSpline => (Interpolation::Cubic, 3),
-    };
-    let found = (times.len(), values.len());
-    let key = |v: &[T]| Key { arriving: v[0], value: v[width / 2], leaving: v[width - 1] };
-    let is_complete = values.len() == width * times.len() && finite;
-    let keys = values.chunks_exact(width).map(key).collect();
-    let times = times.into_iter().map(|[time]| f64::from(time)).collect();
-    Track::new(times, keys, interpolation).filter(|_| is_complete).ok_or_else(|| {
-        wrong(format!(
-            "has {} times and {} values; there must be {width} finite values for each time, and times must increase",
-            found.0, found.1
-        ))
-    })
+    Keys::<N>::read(context, animation, channel)?.track((0, 1), |numbers| value(numbers.map(f64::from)))
+}
+
+/// The keys of a channel as the file has them.
+struct Keys<'a, const N: usize> {
+    context: &'a Context<'a>,
+    place: String,
+    times: Vec<f64>,
+    values: Vec<[f32; N]>,
+    interpolation: Interpolation,
+}
+
+impl<'a, const N: usize> Keys<'a, N> {
+    fn read(context: &'a Context<'a>, animation: &Animation, channel: &Channel) -> Result<Self, LoadProblem> {
+        let sampler = channel.sampler();
+        let place = format!("animations[{}].channels[{}]", animation.index(), channel.index());
+        let wrong = |problem: String| context.error(place.clone(), problem);
+        let times =
+            vectors::<1>(context.buffers, &sampler.input()).map_err(|e| wrong(format!("its input {e}")))?;
+        let values =
+            vectors::<N>(context.buffers, &sampler.output()).map_err(|e| wrong(format!("its output {e}")))?;
+        let times = times.into_iter().map(|[time]| f64::from(time)).collect();
+        let interpolation = match sampler.interpolation() {
+            SourceInterpolation::Step => Interpolation::Step,
+            SourceInterpolation::Linear => Interpolation::Linear,
+            SourceInterpolation::CubicSpline => Interpolation::Cubic,
+        };
+        Ok(Self { context, place, times, values, interpolation })
+    }
+
+    /// The track of one of several values that each key has.
+    fn track<T: Interpolate>(
+        &self,
+        (which, all): (usize, usize),
+        value: impl Fn([f32; N]) -> T,
+    ) -> Result<Track<T>, LoadProblem> {
+        let width = if self.interpolation == Interpolation::Cubic { 3 } else { 1 };
+        let finite = self.values.as_flattened().iter().all(|number| number.is_finite());
+        let is_complete = self.values.len() == width * all * self.times.len() && finite;
+        // Of a cubic: all tangents before the key, all values, all tangents after it.
+        let key = |key: &[[f32; N]]| {
+            let of = |part: usize| value(key[part * all + which]);
+            Key { arriving: of(0), value: of(width / 2), leaving: of(width - 1) }
+        };
+        let keys = || self.values.chunks_exact(width * all).map(key).collect();
+        let track = is_complete.then(|| Track::new(self.times.clone(), keys(), self.interpolation)).flatten();
+        track.ok_or_else(|| {
+            self.context.error(
+                self.place.clone(),
+                format!(
+                    "has {} times and {} values; there must be {} finite values for each time, and times must \
+                     increase",
+                    self.times.len(),
+                    self.values.len(),
+                    width * all
+                ),
+            )
+        })
+    }
 }

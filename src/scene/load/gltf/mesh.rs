@@ -4,6 +4,7 @@ use super::super::LoadProblem;
 use super::super::dropped::Dropped;
 use super::Context;
 use super::accessor;
+use super::bent::{Bending, Bent};
 use super::buffers::Buffers;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
@@ -43,27 +44,27 @@ pub(super) struct Flattened<'a> {
 
 /// The accessors of a primitive's vertices. Primitives of one mesh often share them.
 #[derive(Clone)]
-struct Attributes<'a> {
-    positions: Accessor<'a>,
-    normals: Option<Accessor<'a>>,
+pub(super) struct Attributes<'a> {
+    pub(super) positions: Accessor<'a>,
+    pub(super) normals: Option<Accessor<'a>>,
     /// The sets of texture coordinates, as the material numbers them.
     uvs: Vec<Option<Accessor<'a>>>,
-    tangents: Option<Accessor<'a>>,
+    pub(super) tangents: Option<Accessor<'a>>,
     colours: Option<Accessor<'a>>,
 }
 
-/// Vertices by their accessors.
-type Bases = BTreeMap<Vec<Option<usize>>, u32>;
+/// Vertices by their accessors: the first, and whether their triangles are turned round.
+type Bases = BTreeMap<Vec<Option<usize>>, (u32, bool)>;
 
 /// The transform of a node.
-struct NodeTransform {
+pub(super) struct NodeTransform {
     matrix: DMat4,
     /// The same transform for positions, with the operations that instances use.
     placement: Placement,
     /// Inverse transpose of the linear part, up to a positive factor.
     normals: DMat3,
     /// True if the transform mirrors, which reverses the orientation of triangles.
-    mirrors: bool,
+    pub(super) mirrors: bool,
 }
 
 impl NodeTransform {
@@ -75,6 +76,23 @@ impl NodeTransform {
         // The cofactors, which are defined even if the matrix has no inverse.
         let normals = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
         Self { matrix: *matrix, placement: Placement::new(matrix), normals, mirrors }
+    }
+
+    /// A position in the world.
+    pub(super) fn position(&self, position: Vec3) -> Vec3 {
+        self.placement.point(position)
+    }
+
+    /// A unit normal in the world; zero if it has no direction.
+    pub(super) fn normal(&self, normal: DVec3) -> Vec3 {
+        unit(self.normals * normal)
+    }
+
+    /// A tangent in the world, with the sign of the bitangent; zero if it has no direction.
+    pub(super) fn tangent(&self, tangent: DVec3, sign: f32) -> Vec4 {
+        let moved = unit(self.matrix.transform_vector3(tangent));
+        let sign = if self.mirrors { -sign } else { sign };
+        if moved == Vec3::ZERO { Vec4::ZERO } else { moved.extend(sign) }
     }
 }
 
@@ -147,16 +165,11 @@ impl<'a> Flattened<'a> {
         context: &mut Context,
         mesh: &::gltf::Mesh<'a>,
         matrix: &DMat4,
+        bending: &Bending,
     ) -> Result<(), LoadProblem> {
         let transform = NodeTransform::new(matrix);
         let mut bases = BTreeMap::new();
         for primitive in mesh.primitives() {
-            if primitive.morph_targets().next().is_some() {
-                context
-                    .session
-                    .warnings
-                    .add("Morph targets are not supported; meshes keep their rest shape.");
-            }
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
                 context.session.warnings.add("Points and lines are ignored, because they have no surface.");
                 continue;
@@ -165,7 +178,7 @@ impl<'a> Flattened<'a> {
                 context.session.warnings.add("A mesh has several sets of colours; COLOR_0 is used.");
             }
             let place = || place(mesh, &primitive);
-            self.primitive(context, mesh, &primitive, &transform, &mut bases)
+            self.primitive(context, mesh, &primitive, (&transform, bending), &mut bases)
                 .map_err(|problem| context.error(place(), problem))?;
         }
         Ok(())
@@ -176,18 +189,21 @@ impl<'a> Flattened<'a> {
         context: &mut Context,
         mesh: &::gltf::Mesh<'a>,
         primitive: &Primitive<'a>,
-        transform: &NodeTransform,
+        (transform, bending): (&NodeTransform, &Bending),
         bases: &mut Bases,
     ) -> Result<(), String> {
         let material = self.materials.chosen.of(mesh.index(), primitive);
         let attributes = self.attributes(context, primitive, material)?;
         let count = attributes.positions.count();
-        let base = match bases.get(&attributes.key()) {
-            Some(&base) => base,
+        let key = [attributes.key(), bending.key(primitive)].concat();
+        let (base, mirrors) = match bases.get(&key) {
+            Some(&found) => found,
             None => {
                 let name = || place(mesh, primitive);
-                let first = self.vertices(context, name, &attributes, transform)?;
-                *bases.entry(attributes.key()).or_insert(first)
+                let bent = bending.bend(context, primitive, &attributes, transform)?;
+                let mirrors = bent.as_ref().map_or(transform.mirrors, |bent| bent.mirrors);
+                let first = self.vertices(context, name, &attributes, transform, bent)?;
+                *bases.entry(key).or_insert((first, mirrors))
             }
         };
         let indices = indices(context, primitive, count)?;
@@ -206,15 +222,15 @@ impl<'a> Flattened<'a> {
         let triangles = triangles(primitive.mode(), &indices);
         let first = self.mesh.triangles.len();
         for &[a, b, c] in &triangles {
-            let [b, c] = if transform.mirrors { [c, b] } else { [b, c] };
+            let [b, c] = if mirrors { [c, b] } else { [b, c] };
             let triangle = [base + a, base + b, base + c];
             if !self.dropped.drops(each(triangle, |corner| self.mesh.positions[corner as usize])) {
                 self.mesh.triangles.push(triangle);
                 self.mesh.materials.push(material);
             }
         }
-        // Instances share all triangles of their shape.
-        if self.mesh.triangles.len() == first + triangles.len() {
+        // Instances share all triangles of their shape, and none is bent.
+        if self.mesh.triangles.len() == first + triangles.len() && bending.is_none(primitive) {
             let instance = Instance { placement: transform.placement, first: first as u32 };
             self.instances.add(primitive, transform.mirrors, masked, instance);
         }
@@ -271,26 +287,26 @@ impl<'a> Flattened<'a> {
         place: impl Fn() -> String,
         attributes: &Attributes,
         transform: &NodeTransform,
+        bent: Option<Bent>,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
-        let positions = read_attribute::<3>(context, "POSITION", &attributes.positions)?;
+        let Bent { positions, normals, tangents, .. } = match bent {
+            Some(bent) => bent,
+            None => unbent(context, attributes, transform)?,
+        };
         if u32::try_from(base + positions.len()).is_err() {
             return Err(format!(
                 "the scene has more than {} vertices, the most that are supported",
                 u32::MAX
             ));
         }
-        for (i, position) in positions.iter().enumerate() {
-            let moved = transform.placement.point(Vec3::from(*position));
+        for (i, position) in positions.into_iter().enumerate() {
             let place = || format!("vertex {i} of {}, in the world", place());
-            self.mesh.positions.push(self.dropped.checked(moved, place));
+            self.mesh.positions.push(self.dropped.checked(position, place));
         }
-        if let Some(accessor) = &attributes.normals {
+        if attributes.normals.is_some() {
             pad(&mut self.mesh.normals, base);
-            let world_normal = |n: [f32; 3]| unit(transform.normals * DVec3::from_array(n.map(f64::from)));
-            self.mesh
-                .normals
-                .extend(read_attribute(context, "NORMAL", accessor)?.into_iter().map(world_normal));
+            self.mesh.normals.extend(normals);
         }
         for (set, accessor) in attributes.uvs.iter().enumerate() {
             let Some(accessor) = accessor else { continue };
@@ -308,19 +324,34 @@ impl<'a> Flattened<'a> {
                 .map_err(|problem| format!("COLOR_0 (accessors[{}]): {problem}", accessor.index()))?;
             self.mesh.colours.extend(colours);
         }
-        if let Some(accessor) = &attributes.tangents {
+        if attributes.tangents.is_some() {
             pad(&mut self.mesh.tangents, base);
-            let sign = if transform.mirrors { -1.0 } else { 1.0 };
-            let world_tangent = |[x, y, z, w]: [f32; 4]| {
-                let tangent = unit(transform.matrix.transform_vector3(Vec3::new(x, y, z).as_dvec3()));
-                if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(1.0_f32.copysign(w) * sign) }
-            };
-            self.mesh
-                .tangents
-                .extend(read_attribute(context, "TANGENT", accessor)?.into_iter().map(world_tangent));
+            self.mesh.tangents.extend(tangents);
         }
         Ok(base as u32)
     }
+}
+
+/// The vertices of a primitive in the world, where a node's transform places them.
+fn unbent(context: &Context, attributes: &Attributes, transform: &NodeTransform) -> Result<Bent, String> {
+    let positions = read_attribute::<3>(context, "POSITION", &attributes.positions)?;
+    let normals = match &attributes.normals {
+        Some(accessor) => read_attribute::<3>(context, "NORMAL", accessor)?,
+        None => Vec::new(),
+    };
+    let tangents = match &attributes.tangents {
+        Some(accessor) => read_attribute::<4>(context, "TANGENT", accessor)?,
+        None => Vec::new(),
+    };
+    let normal = |normal: [f32; 3]| transform.normal(DVec3::from_array(normal.map(f64::from)));
+    let tangent =
+        |[x, y, z, w]: [f32; 4]| transform.tangent(Vec3::new(x, y, z).as_dvec3(), 1.0_f32.copysign(w));
+    Ok(Bent {
+        positions: positions.into_iter().map(|position| transform.position(Vec3::from(position))).collect(),
+        normals: normals.into_iter().map(normal).collect(),
+        tangents: tangents.into_iter().map(tangent).collect(),
+        mirrors: transform.mirrors,
+    })
 }
 
 /// The name of a primitive in messages.
@@ -364,7 +395,7 @@ impl Attributes<'_> {
     }
 }
 
-fn read_attribute<const N: usize>(
+pub(super) fn read_attribute<const N: usize>(
     context: &Context,
     name: &str,
     accessor: &Accessor,

@@ -5,6 +5,7 @@
 
 mod accessor;
 mod animation;
+mod bent;
 mod buffers;
 mod camera;
 mod colour;
@@ -19,6 +20,7 @@ mod mesh;
 mod meshopt;
 mod node;
 mod object;
+mod pose;
 mod texture;
 mod variant;
 

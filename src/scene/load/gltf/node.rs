@@ -1,11 +1,13 @@
 //! Flattens the node hierarchy: meshes, lights and the camera in world space.
 
 use super::super::LoadProblem;
-use super::Context;
+use super::bent::Bending;
 use super::camera::Cameras;
 use super::instancing::{Instancing, Transforms};
 use super::mesh::{self, Flattened, Materials};
 use super::object::ObjectsByNode;
+use super::pose::Pose;
+use super::{Context, accessor};
 use crate::scene::{
     Instance, Light, LightShape, MeshSize, NamedCamera, Objects, Shape, TriangleMesh, unit_rotation,
 };
@@ -13,6 +15,7 @@ use ::gltf::khr_lights_punctual::Kind;
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
 use glam::{DMat4, DQuat, DVec3, Vec3};
+use std::collections::BTreeMap;
 
 /// The contents of a scene's nodes, in world space.
 pub(super) struct World {
@@ -30,7 +33,10 @@ pub(super) struct World {
 /// # Errors
 /// When the nodes do not form trees, or a mesh is wrong.
 pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Result<World, LoadProblem> {
-    let nodes = in_world(context)?;
+    let pose = Pose::new(context)?;
+    let nodes = in_world(context, &pose)?;
+    let places: BTreeMap<usize, DMat4> =
+        nodes.iter().map(|found| (found.node.index(), found.matrix)).collect();
     let mut flattened = Flattened::new(materials);
     reserve(context, &mut flattened, &nodes, materials)?;
     let mut lights = Vec::new();
@@ -38,23 +44,27 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Re
     let mut objects = ObjectsByNode::default();
     for WorldNode { node, matrix, parent, visible, instancing } in nodes {
         objects.add(&node, parent);
-        if visible && node.skin().is_some() {
-            context.session.warnings.add("Skins are not supported; skinned meshes keep their rest pose.");
-        }
-        match (node.mesh().filter(|_| visible), instancing) {
-            (None, _) => {}
-            (Some(mesh), None) => {
-                objects.assign(mesh.index(), flattened.triangles());
-                flattened.append(context, &mesh, &matrix)?;
-            }
-            (Some(mesh), Some(instancing)) => {
-                let place = || format!("nodes[{}]", node.index());
-                let read = instancing.read(context);
-                let transforms = read.map_err(|problem| context.error(place(), problem))?;
-                for instance in transforms.matrices() {
-                    objects.add_instance(&node);
+        if let Some(mesh) = node.mesh().filter(|_| visible) {
+            let joints = node.skin().map(|skin| joints(context, &skin, &places)).transpose()?;
+            let bending = Bending { weights: pose.weights(&node, &mesh), joints };
+            let transforms = match instancing {
+                None => None,
+                Some(instancing) => {
+                    let place = || format!("nodes[{}]", node.index());
+                    Some(instancing.read(context).map_err(|problem| context.error(place(), problem))?)
+                }
+            };
+            match transforms {
+                None => {
                     objects.assign(mesh.index(), flattened.triangles());
-                    flattened.append(context, &mesh, &(matrix * instance))?;
+                    flattened.append(context, &mesh, &matrix, &bending)?;
+                }
+                Some(transforms) => {
+                    for instance in transforms.matrices() {
+                        objects.add_instance(&node);
+                        objects.assign(mesh.index(), flattened.triangles());
+                        flattened.append(context, &mesh, &(matrix * instance), &bending)?;
+                    }
                 }
             }
         }
@@ -82,7 +92,7 @@ struct WorldNode<'a> {
 }
 
 /// The nodes of the scene. Parents come before children, in file order.
-fn in_world<'a>(context: &mut Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadProblem> {
+fn in_world<'a>(context: &mut Context<'a>, pose: &Pose) -> Result<Vec<WorldNode<'a>>, LoadProblem> {
     let document = context.document;
     let mut visited = vec![false; document.nodes().len()];
     let mut pending = Vec::new();
@@ -93,7 +103,7 @@ fn in_world<'a>(context: &mut Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadPro
             let problem = "is reached twice; a node must have at most one parent, and cycles are not allowed";
             return Err(context.error(format!("nodes[{}]", node.index()), problem));
         }
-        let matrix = matrix * local_matrix(&node);
+        let matrix = matrix * pose.matrix(&node).unwrap_or_else(|| local_matrix(&node));
         let visible = visible && !is_hidden(&node);
         let own = Some(found.len() as u32);
         let children: Vec<Node> = node.children().collect();
@@ -102,6 +112,37 @@ fn in_world<'a>(context: &mut Context<'a>) -> Result<Vec<WorldNode<'a>>, LoadPro
         found.push(WorldNode { node, matrix, parent, visible, instancing });
     }
     Ok(found)
+}
+
+/// The matrices of a skin's joints, from a mesh at rest to the world. The place of the mesh's own node does not matter.
+///
+/// # Errors
+/// When a joint is no node of the scene, or the matrices of the joints at rest cannot be read.
+fn joints(
+    context: &Context,
+    skin: &::gltf::Skin,
+    places: &BTreeMap<usize, DMat4>,
+) -> Result<Vec<DMat4>, LoadProblem> {
+    let wrong = |problem: String| context.error(format!("skins[{}]", skin.index()), problem);
+    let rest = skin.inverse_bind_matrices();
+    let rest = rest.map(|accessor| accessor::matrices(context.buffers, &accessor)).transpose();
+    let rest = rest.map_err(|problem| wrong(format!("inverseBindMatrices: {problem}")))?;
+    let count = skin.joints().count();
+    if rest.as_ref().is_some_and(|rest| rest.len() < count) || count == 0 {
+        return Err(wrong(format!("has {count} joints; there must be some, and a matrix for each")));
+    }
+    let matrix = |(number, joint): (usize, Node)| {
+        let place = places.get(&joint.index());
+        let place = place
+            .ok_or_else(|| wrong(format!("its joint nodes[{}] is no node of the scene", joint.index())))?;
+        let rest = rest.as_ref().map(|rest| DMat4::from_cols_array(&rest[number].map(f64::from)));
+        let matrix = *place * rest.unwrap_or(DMat4::IDENTITY);
+        let is_finite = matrix.is_finite();
+        is_finite
+            .then_some(matrix)
+            .ok_or_else(|| wrong(format!("the matrix of joint {number} is not finite")))
+    };
+    skin.joints().enumerate().map(matrix).collect()
 }
 
 /// True if KHR_node_visibility hides the node and all nodes below. Cameras count all the same.

@@ -1,0 +1,179 @@
+//! Primitives that morph targets displace and joints move.
+
+use super::Context;
+use super::accessor;
+use super::mesh::{Attributes, NodeTransform, read_attribute};
+use crate::geom::Skin;
+use ::gltf::{Accessor, Primitive, Semantic};
+use glam::{DMat4, DVec3, Vec3, Vec4};
+use rayon::prelude::*;
+
+/// What bends the mesh of a node.
+#[derive(Default)]
+pub(super) struct Bending {
+    /// The weights of its morph targets.
+    pub(super) weights: Vec<f64>,
+    /// The matrices of its skin's joints: from the mesh at rest to the world.
+    pub(super) joints: Option<Vec<DMat4>>,
+}
+
+/// Vertices of a bent primitive, in the world.
+pub(super) struct Bent {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) normals: Vec<Vec3>,
+    pub(super) tangents: Vec<Vec4>,
+    /// True if triangles are turned round.
+    pub(super) mirrors: bool,
+}
+
+impl Bending {
+    /// True if it does nothing to a primitive.
+    pub(super) fn is_none(&self, primitive: &Primitive) -> bool {
+        let is_displaced = primitive.morph_targets().zip(&self.weights).any(|(_, weight)| *weight != 0.0);
+        self.joints.is_none() && !is_displaced
+    }
+
+    /// The accessors of a primitive that say how it is bent: two with the same share their vertices.
+    pub(super) fn key(&self, primitive: &Primitive) -> Vec<Option<usize>> {
+        let index = |accessor: Option<Accessor>| accessor.map(|accessor| accessor.index());
+        let targets = primitive.morph_targets().flat_map(|target| {
+            [index(target.positions()), index(target.normals()), index(target.tangents())]
+        });
+        let joints = (0..).map_while(|set| primitive.get(&Semantic::Joints(set)));
+        let weights = (0..).map_while(|set| primitive.get(&Semantic::Weights(set)));
+        targets.chain(joints.chain(weights).map(|accessor| Some(accessor.index()))).collect()
+    }
+
+    /// Bends a primitive. `None` if nothing bends it.
+    ///
+    /// # Errors
+    /// When targets, joints or weights do not fit its vertices.
+    pub(super) fn bend(
+        &self,
+        context: &mut Context,
+        primitive: &Primitive,
+        attributes: &Attributes,
+        transform: &NodeTransform,
+    ) -> Result<Option<Bent>, String> {
+        if self.is_none(primitive) {
+            return Ok(None);
+        }
+        let directions = |accessor: &Option<Accessor>, name| {
+            accessor.as_ref().map_or(Ok(Vec::new()), |accessor| read_attribute::<3>(context, name, accessor))
+        };
+        let positions = read_attribute::<3>(context, "POSITION", &attributes.positions)?;
+        let normals = directions(&attributes.normals, "NORMAL")?;
+        let (mut tangents, mut signs) = (Vec::new(), Vec::new());
+        if let Some(accessor) = &attributes.tangents {
+            let read = read_attribute::<4>(context, "TANGENT", accessor)?;
+            (tangents, signs) = read.into_iter().map(|[x, y, z, w]| ([x, y, z], 1.0_f32.copysign(w))).unzip();
+        }
+        let positions = self.displaced(context, primitive, "POSITION", positions)?;
+        let normals = self.displaced(context, primitive, "NORMAL", normals)?;
+        let tangents = self.displaced(context, primitive, "TANGENT", tangents)?;
+        let skin = match &self.joints {
+            Some(joints) => skin(context, primitive, joints, positions.len())?,
+            None => None,
+        };
+        Ok(Some(match skin {
+            Some(skin) => skinned(&skin, &positions, &normals, &tangents, &signs),
+            None => placed(transform, &positions, &normals, &tangents, &signs),
+        }))
+    }
+
+    /// Adds the displacements of the morph targets, each as often as its weight says.
+    fn displaced(
+        &self,
+        context: &Context,
+        primitive: &Primitive,
+        name: &str,
+        rest: Vec<[f32; 3]>,
+    ) -> Result<Vec<DVec3>, String> {
+        let mut sums: Vec<DVec3> =
+            rest.into_iter().map(|vector| DVec3::from_array(vector.map(f64::from))).collect();
+        for (number, (target, &weight)) in primitive.morph_targets().zip(&self.weights).enumerate() {
+            let accessor = match name {
+                "POSITION" => target.positions(),
+                "NORMAL" => target.normals(),
+                _ => target.tangents(),
+            };
+            // A vertex without a normal is not displaced into having one.
+            let Some(accessor) = accessor.filter(|_| weight != 0.0 && !sums.is_empty()) else { continue };
+            let place = format!("targets[{number}].{name}");
+            if accessor.count() != sums.len() {
+                return Err(format!("{place} has {} elements for {} vertices", accessor.count(), sums.len()));
+            }
+            let displacements = read_attribute::<3>(context, &place, &accessor)?;
+            for (sum, displacement) in sums.iter_mut().zip(displacements) {
+                *sum += DVec3::from_array(displacement.map(f64::from)) * weight;
+            }
+        }
+        Ok(sums)
+    }
+}
+
+/// The skin of a primitive. `None`, with a warning, if its vertices follow no joints.
+fn skin(
+    context: &mut Context,
+    primitive: &Primitive,
+    joints: &[DMat4],
+    count: usize,
+) -> Result<Option<Skin>, String> {
+    let mut sets: Vec<(Vec<[f32; 4]>, Vec<[f32; 4]>)> = Vec::new();
+    for set in 0.. {
+        let found = (primitive.get(&Semantic::Joints(set)), primitive.get(&Semantic::Weights(set)));
+        let (Some(followed), Some(weights)) = found else { break };
+        for (name, accessor) in [("JOINTS", &followed), ("WEIGHTS", &weights)] {
+            if accessor.count() != count {
+                return Err(format!("{} elements of {name}_{set} for {count} of POSITION", accessor.count()));
+            }
+        }
+        let followed = accessor::plain_vectors(context.buffers, &followed)
+            .map_err(|problem| format!("JOINTS_{set} (accessors[{}]): {problem}", followed.index()))?;
+        sets.push((followed, read_attribute(context, &format!("WEIGHTS_{set}"), &weights)?));
+    }
+    if sets.is_empty() {
+        context.session.warnings.add("A mesh has a skin but no joints; it keeps its rest shape.");
+        return Ok(None);
+    }
+    let influences = |vertex: usize| {
+        let of_set = move |(followed, weights): &(Vec<[f32; 4]>, Vec<[f32; 4]>)| {
+            let (followed, weights) = (followed[vertex], weights[vertex]);
+            // Joints are integers of at most 16 bits; what is none becomes one that does not exist.
+            [0, 1, 2, 3].map(|i| (followed[i].clamp(0.0, f32::from(u16::MAX)) as u16, weights[i]))
+        };
+        sets.iter().flat_map(of_set)
+    };
+    let influences = (0..count).flat_map(influences).collect();
+    Skin::new(joints, influences, 4 * sets.len()).map(Some).map_err(|error| error.to_string())
+}
+
+/// The vertices as joints move them. The node's own place does not matter.
+fn skinned(skin: &Skin, positions: &[DVec3], normals: &[DVec3], tangents: &[DVec3], signs: &[f32]) -> Bent {
+    let bends = |vertex: usize| skin.bend(vertex);
+    let mirrored = (0..positions.len()).into_par_iter().filter(|vertex| bends(*vertex).mirrors()).count();
+    let all = positions.par_iter().enumerate();
+    let moved = all.map(|(vertex, position)| bends(vertex).position(*position)).collect();
+    let turned = normals.par_iter().enumerate();
+    let turned = turned.map(|(vertex, normal)| bends(vertex).normal(*normal)).collect();
+    let along = tangents.par_iter().zip(signs).enumerate();
+    let along = along.map(|(vertex, (tangent, sign))| bends(vertex).tangent(*tangent, *sign)).collect();
+    Bent { positions: moved, normals: turned, tangents: along, mirrors: 2 * mirrored > positions.len() }
+}
+
+/// The vertices as the node's transform places them.
+fn placed(
+    transform: &NodeTransform,
+    positions: &[DVec3],
+    normals: &[DVec3],
+    tangents: &[DVec3],
+    signs: &[f32],
+) -> Bent {
+    let tangents = tangents.iter().zip(signs);
+    Bent {
+        positions: positions.iter().map(|position| transform.position(position.as_vec3())).collect(),
+        normals: normals.iter().map(|normal| transform.normal(*normal)).collect(),
+        tangents: tangents.map(|(tangent, sign)| transform.tangent(*tangent, *sign)).collect(),
+        mirrors: transform.mirrors,
+    }
+}

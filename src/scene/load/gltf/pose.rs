@@ -1,0 +1,108 @@
+//! The pose of a document's nodes: at rest, or that of an animation at a time.
+
+use super::super::LoadProblem;
+use super::Context;
+use super::animation::{self, constant};
+use crate::scene::AnimatedNode;
+use ::gltf::animation::Property;
+use ::gltf::{Animation, Document, Mesh, Node};
+use glam::DMat4;
+use std::collections::BTreeMap;
+
+/// Where nodes are, and how much their meshes follow their morph targets.
+#[derive(Default)]
+pub(super) struct Pose {
+    /// The nodes that the animation moves.
+    matrices: BTreeMap<usize, DMat4>,
+    /// The nodes whose weights it sets.
+    weights: BTreeMap<usize, Vec<f64>>,
+}
+
+/// The name of an animation.
+pub(super) fn name(animation: &Animation) -> String {
+    animation.name().map_or_else(|| format!("animation {}", animation.index()), str::to_owned)
+}
+
+/// The names of a document's animations.
+pub(super) fn names(document: &Document) -> Vec<String> {
+    document.animations().map(|animation| name(&animation)).collect()
+}
+
+/// The animation that the options name, or else the first one. `None` if the document has none.
+///
+/// # Errors
+/// When there is none of that name.
+pub(super) fn chosen<'a>(context: &mut Context<'a>) -> Result<Option<Animation<'a>>, LoadProblem> {
+    let document = context.document;
+    let Some(wanted) = context.session.options.animation.clone() else {
+        return Ok(document.animations().next());
+    };
+    let found = document.animations().find(|animation| name(animation) == wanted);
+    found.map(Some).ok_or_else(|| LoadProblem::Animation {
+        path: context.session.path.clone(),
+        name: wanted,
+        known: names(document),
+    })
+}
+
+impl Pose {
+    /// The pose that the options choose: that of an animation at a time, or the pose at rest.
+    ///
+    /// # Errors
+    /// When there is no such animation, or keys are missing or out of order.
+    pub(super) fn new(context: &mut Context) -> Result<Self, LoadProblem> {
+        let animation = chosen(context)?;
+        let options = &context.session.options;
+        let is_named = options.animation.is_some();
+        let Some(time) = options.time.or(is_named.then_some(0.0)) else { return Ok(Self::default()) };
+        let Some(animation) = animation else {
+            context.session.warnings.add("The file has no animation, so it looks the same at any time.");
+            return Ok(Self::default());
+        };
+        let names = names(context.document);
+        if names.len() > 1 && !is_named {
+            context.session.warnings.add(format!(
+                "The file has {} animations ({}); the first one is shown.",
+                names.len(),
+                names.join(", ")
+            ));
+        }
+        Self::at(context, &animation, time)
+    }
+
+    fn at(context: &Context, animation: &Animation, time: f64) -> Result<Self, LoadProblem> {
+        let (mut nodes, mut weights) = (BTreeMap::<usize, AnimatedNode>::new(), BTreeMap::new());
+        for channel in animation.channels() {
+            let node = channel.target().node();
+            if channel.target().property() == Property::MorphTargetWeights {
+                let targets = node.mesh().map_or(0, |mesh| morph_targets(&mesh));
+                let tracks = animation::weights(context, animation, &channel, targets)?;
+                weights.insert(node.index(), tracks.iter().map(|track| track.at(time)).collect());
+                continue;
+            }
+            let moved = nodes.entry(node.index()).or_insert_with(|| constant(&node));
+            animation::read(context, animation, &channel, moved)?;
+        }
+        let matrices = nodes.into_iter().map(|(node, moved)| (node, moved.matrix_at(time))).collect();
+        Ok(Self { matrices, weights })
+    }
+
+    /// The matrix of a node that the animation moves, relative to its parent.
+    pub(super) fn matrix(&self, node: &Node) -> Option<DMat4> {
+        self.matrices.get(&node.index()).copied()
+    }
+
+    /// The weights of the morph targets of a node's mesh.
+    pub(super) fn weights(&self, node: &Node, mesh: &Mesh) -> Vec<f64> {
+        if let Some(weights) = self.weights.get(&node.index()) {
+            return weights.clone();
+        }
+        let weights = node.weights().or(mesh.weights()).unwrap_or(&[]);
+        weights.iter().map(|weight| f64::from(*weight)).collect()
+    }
+}
+
+/// The number of morph targets of a mesh. All of its primitives have as many.
+fn morph_targets(mesh: &Mesh) -> usize {
+    mesh.primitives().map(|primitive| primitive.morph_targets().count()).max().unwrap_or(0)
+}
