@@ -33,8 +33,9 @@ impl CheckedSpec {
     ///
     /// # Errors
     /// What is wrong with an option, whatever the scene is.
-    pub fn new(spec: RenderSpec, registry: &Registry) -> Result<Self> {
+    pub fn new(mut spec: RenderSpec, registry: &Registry) -> Result<Self> {
         spec.check()?;
+        spec.begin_animation();
         Frames::check(&spec)?;
         let (registry, integrator) = registry.with_integrator_of(&spec)?;
         let (own, foreign) = registry.split_settings(&integrator, &spec.set)?;

@@ -125,9 +125,10 @@ impl Frames {
                 );
                 Motion::Scene(motion.clone(), spec.animation.rate())
             }
-            (None, None, None) => bail!(
-                "--frames: the scene has no camera animation; add --turntable DEG or --camera-path FILE"
-            ),
+            (None, None, None) if scene.is_animated => Motion::Still(own),
+            (None, None, None) => {
+                bail!("--frames: the scene has no animation; add --turntable DEG or --camera-path FILE")
+            }
         };
         Ok(Self { numbers, motion })
     }
@@ -156,7 +157,9 @@ impl Frames {
                 return Ok(own.turned(*centre, degrees as f32));
             }
             Motion::Path(path) => path.at(f64::from(frame)),
-            Motion::Scene(motion, fps) => motion.at(f64::from(frame) / fps),
+            Motion::Scene(motion, fps) => {
+                motion.at(spec.loading.time.unwrap_or(0.0) + f64::from(frame) / fps)
+            }
             Motion::Cameras(cameras) => cameras[frame as usize].camera,
         };
         spec.optics.apply(camera, spec.size).with_context(|| format!("picture {frame}"))

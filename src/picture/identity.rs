@@ -30,11 +30,15 @@ impl Rendering {
         let halves = if settings.may_end_early { "in turns" } else { "one after the other" };
         let halves = aovs.has_halves().then(|| ("the order of the halves of --aov variance", halves.into()));
         let denoised = aovs.is_denoised().then(|| ("--denoise", "true".into()));
+        let (loading, rate) = (&spec.loading, spec.animation.rate());
+        let moves = || format!("{:?} from {:?} s at {rate} frames a second", loading.animation, loading.time);
+        let moves = self.moves().then(|| ("the scene's animation", moves()));
         let camera = camera.map(|camera| ("the camera", camera.to_string()));
         let parts = parts
             .into_iter()
             .chain(halves)
             .chain(denoised)
+            .chain(moves)
             .chain(camera)
             .map(|(what, value)| (what.to_owned(), value));
         let options = self.options().iter().map(|(key, value)| (format!("option {key}"), value.to_owned()));

@@ -2,7 +2,7 @@
 
 use super::checked::afford;
 use super::spec::RenderSpec;
-use super::{CheckedSpec, Registry, Rendering, scene_file};
+use super::{CheckedSpec, Moving, Registry, Rendering, scene_file};
 use crate::engine::{PreparedScene, Units};
 use crate::memory::MemoryBudget;
 use crate::scene::Scene;
@@ -44,8 +44,10 @@ pub fn open_with(spec: &RenderSpec, folder: &Path, units: &Units, registry: &Reg
     let memory = MemoryBudget::of_machine();
     checked.afford(&memory, 1)?;
     let path = checked.scene_file()?;
-    let scene = scene_file::read(path, &checked.spec().loading.options(&memory))?;
-    prepared(&checked, scene, units, &memory)
+    let options = checked.spec().loading.options(&memory);
+    let scene = scene_file::read(path, &options)?;
+    let rendering = prepared(&checked, scene, units, &memory)?;
+    Ok(rendering.with_moving(|| Moving::new(options, memory, units.clone())))
 }
 
 /// [`open_with`] for a scene in memory.

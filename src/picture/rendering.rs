@@ -4,7 +4,7 @@ use super::plugin_options::PluginOptions;
 use super::registry::IntegratorParams;
 use super::spec::RenderSpec;
 use super::watched::Unwatched;
-use super::{AnyIntegrator, CheckedSpec, Frames};
+use super::{AnyIntegrator, CheckedSpec, Frames, Moving};
 use crate::engine::PreparedScene;
 use crate::film::Picture;
 use crate::lanes::SimdLevel;
@@ -26,6 +26,7 @@ pub struct Rendering {
     policy: Option<Policy>,
     /// Threads that denoise pictures.
     threads: usize,
+    moving: Option<Moving>,
 }
 
 impl Rendering {
@@ -35,7 +36,8 @@ impl Rendering {
         let options = registry.integrator_options(checked.integrator(), &prepared.scene, checked.own())?;
         let simd = prepared.simd();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None, threads })
+        let moving = None;
+        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None, threads, moving })
     }
 
     /// The same with a policy of the scheduler. No picture depends on it.
@@ -46,6 +48,23 @@ impl Rendering {
     /// The same with so many threads that denoise a picture, instead of one for each core.
     pub fn with_threads(self, threads: usize) -> Self {
         Self { threads, ..self }
+    }
+
+    pub(super) fn moved_by(self, moving: Moving) -> Self {
+        Self { moving: Some(moving), ..self }
+    }
+
+    pub(super) fn moving(&self) -> Option<&Moving> {
+        self.moving.as_ref()
+    }
+
+    pub(super) fn checked(&self) -> &CheckedSpec {
+        &self.checked
+    }
+
+    /// The same of another prepared scene.
+    pub(super) fn with_prepared(&self, prepared: PreparedScene) -> Self {
+        Self { prepared, moving: None, ..self.clone() }
     }
 
     pub(super) fn threads(&self) -> usize {

@@ -27,6 +27,14 @@ pub fn read(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     loaded
 }
 
+/// Reads a scene that has been read before, at another time: its warnings have been told.
+///
+/// # Errors
+/// What is wrong with the scene.
+pub(super) fn read_quietly(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+    load_with(path, options)
+}
+
 /// Tells the log what a loader warns of.
 pub fn tell(warnings: &[String]) {
     for warning in warnings {

@@ -40,8 +40,9 @@ impl Rendering {
     /// # Errors
     /// If there is no such frame, or the scheduler refuses the job or fails.
     pub fn patch(&self, service: &Service, frame: u32, piece: Pass, watch: &dyn Watch) -> Result<Patch> {
-        let piece = self.integrator(&self.camera(frame)?)?.with_pass(piece);
-        let job = self.submit_watched(service, &piece, watch)?;
+        let own = self.of_frame(frame)?;
+        let piece = own.integrator(&own.camera(frame)?)?.with_pass(piece);
+        let job = own.submit_watched(service, &piece, watch)?;
         let mut priority = watch.priority();
         while !job.wait_for(LOOK) {
             if watch.is_stopped() {
@@ -72,15 +73,16 @@ impl Rendering {
     /// # Errors
     /// If there is no such frame, or what was saved is damaged or of another picture.
     pub fn sum(&self, frame: u32, saved: Option<&[u8]>) -> Result<FrameSum> {
-        let camera = self.camera(frame)?;
-        let options = PassOptions { noise: self.spec().stop.noise, pass_time: None };
-        let identity = self.identity(Some(&camera));
-        let integrator = self.integrator(&camera)?;
+        let own = self.of_frame(frame)?;
+        let camera = own.camera(frame)?;
+        let options = PassOptions { noise: own.spec().stop.noise, pass_time: None };
+        let identity = own.identity(Some(&camera));
+        let integrator = own.integrator(&camera)?;
         let gathered = match saved {
             Some(saved) => Gathered::resume(integrator, options, &identity, saved)?,
             None => Gathered::new(integrator, options),
         };
-        Ok(FrameSum { rendering: self.clone(), camera, identity, gathered, viewer: None })
+        Ok(FrameSum { rendering: own, camera, identity, gathered, viewer: None })
     }
 
     /// Renders a frame whose samples the time decides. What has been rendered is kept in `checkpoint` from time to time
@@ -96,6 +98,9 @@ impl Rendering {
         spent: Duration,
         watch: &dyn Watch,
     ) -> Result<Option<Picture>> {
+        if self.moves() {
+            return self.of_frame(frame)?.whole(service, frame, checkpoint, spent, watch);
+        }
         let (stop, began, camera) = (&self.spec().stop, Instant::now(), self.camera(frame)?);
         let limit = stop.seconds;
         let options = PassOptions { noise: stop.noise, pass_time: limit };

@@ -70,6 +70,9 @@ impl Rendering {
         frame: u32,
         watch: &dyn Watch,
     ) -> Result<Option<RenderedFrame>> {
+        if self.moves() {
+            return self.of_frame(frame)?.render_watched(service, frame, watch);
+        }
         let (stop, began, camera) = (&self.spec().stop, Instant::now(), self.camera(frame)?);
         let options = PassOptions { noise: stop.noise, pass_time: stop.seconds };
         let integrator = self.integrator(&camera)?;

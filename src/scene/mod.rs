@@ -146,6 +146,8 @@ pub struct Scene {
     pub options: BTreeMap<String, String>,
     /// Features of the file that the loader ignored or changed, one sentence each.
     pub warnings: Vec<String>,
+    /// True if an animation of the file moves more than cameras ([`load::LoadOptions::with_time`]).
+    pub is_animated: bool,
     /// Names of the material variants of the file (KHR_materials_variants). [`load::LoadOptions::with_variant`]
     /// chooses one.
     pub variants: Vec<String>,

@@ -19,7 +19,8 @@ use std::time::Instant;
 pub struct Setup {
     /// The scene with its tree and tracers.
     pub prepared: PreparedScene,
-    units: Units,
+    /// The units.
+    pub units: Units,
     /// The service with its threads.
     pub service: Arc<Service>,
     /// The CPU tracer's instruction set.

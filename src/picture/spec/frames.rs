@@ -3,7 +3,7 @@
 use super::form;
 use super::option::spec_group;
 
-/// Frames per second of a scene's camera animation, unless an option says another number.
+/// Frames per second of a scene's animation, unless an option says another number.
 const FPS: f64 = 24.0;
 
 spec_group! {
@@ -16,13 +16,14 @@ spec_group! {
         maybe "turntable" turntable: form::Angle, "DEG";
         /// Move the camera along the key poses of a .json file.
         maybe "camera-path" camera_path: form::File, "FILE";
-        /// Frames per second of the scene's own camera animation (glTF); frame 0 is its start [default: 24].
+        /// Frames per second of the scene's own animation (glTF); frame 0 is at --time, or at its start
+        /// [default: 24].
         maybe "fps" fps: form::Rate, "N";
     }
 }
 
 impl FramesSpec {
-    /// Frames per second of the scene's own camera animation.
+    /// Frames per second of the scene's own animation.
     pub fn rate(&self) -> f64 {
         self.fps.unwrap_or(FPS)
     }

@@ -141,7 +141,6 @@ const EXCLUSIVE: &[(&str, &[&str])] = &[
     ("shift", &["K", "panorama"]),
     ("f-stop", &["aperture-radius"]),
     ("camera-path", &["eye", "target", "up", "fov", "turntable"]),
-    ("fps", &["turntable", "camera-path"]),
 ];
 
 /// Options that mean nothing without another.
@@ -213,6 +212,16 @@ impl RenderSpec {
                 )));
             }
         }
+        let moves = ["time", "animation"].into_iter().any(is_given);
+        if let Some(other) = ["turntable", "camera-path"].into_iter().find(|other| is_given(other))
+            && is_given("fps")
+            && !moves
+        {
+            return Err(SpecError::new(format!(
+                "--fps is of the scene's own animation, which stands still with --{other}; add --time, or leave --fps \
+                 out"
+            )));
+        }
         Ok(())
     }
 
@@ -240,6 +249,16 @@ impl RenderSpec {
     /// The radiance to which contributions of indirect light are clamped.
     pub fn indirect_limit(&self) -> Option<f32> {
         self.sampling.indirect_limit(&self.look)
+    }
+
+    /// Frames of a scene's own animation begin at its start unless the spec says another time, and so does an animation
+    /// that is named.
+    pub(super) fn begin_animation(&mut self) {
+        let FramesSpec { frames, turntable, camera_path, .. } = &self.animation;
+        let is_own = frames.is_some() && turntable.is_none() && camera_path.is_none();
+        if is_own || self.loading.animation.is_some() {
+            self.loading.time.get_or_insert(0.0);
+        }
     }
 
     /// True if several pictures are rendered: frames of an animation, or one for each of several cameras.

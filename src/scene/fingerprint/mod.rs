@@ -254,6 +254,7 @@ impl Encode for Scene {
             surface_requests: _,
             options: _,
             warnings: _,
+            is_animated: _,
             variants: _,
             files: _,
         } = self;

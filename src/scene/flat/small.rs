@@ -33,6 +33,7 @@ struct Small {
     surface_requests: Vec<SurfaceRequest>,
     options: BTreeMap<String, String>,
     warnings: Vec<String>,
+    is_animated: bool,
     variants: Vec<String>,
     files: Vec<PathBuf>,
 }
@@ -79,6 +80,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         surface_requests,
         options,
         warnings,
+        is_animated,
         variants,
         files,
     } = scene;
@@ -116,6 +118,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         surface_requests: surface_requests.clone(),
         options: options.clone(),
         warnings: warnings.clone(),
+        is_animated: *is_animated,
         variants: variants.clone(),
         files: files.clone(),
     };
@@ -199,6 +202,7 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
         surface_requests: small.surface_requests,
         options: small.options,
         warnings: small.warnings,
+        is_animated: small.is_animated,
         variants: small.variants,
         files: small.files,
     })

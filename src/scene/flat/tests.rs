@@ -65,6 +65,7 @@ fn scene() -> Scene {
     scene.surface_requests = vec![SurfaceRequest { material: 0, surface: "wood.wgsl".into(), options }];
     scene.options = [("path.depth".to_owned(), "3".to_owned())].into();
     scene.warnings = vec!["A sentence.".into()];
+    scene.is_animated = true;
     scene.variants = vec!["red".into()];
     scene.files = vec![PathBuf::from("wood.png")];
     scene.validate().expect("a valid scene");

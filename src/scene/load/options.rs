@@ -53,8 +53,8 @@ impl LoadOptions {
         Self { time: Some(seconds), ..self }
     }
 
-    /// The animation of a glTF file to show, by name, at its time ([`Self::with_time`]; 0 otherwise); one without a name
-    /// is called `animation 0`, by its number. Otherwise the first one is shown.
+    /// The animation of a glTF file to show, by name, at its time ([`Self::with_time`]; 0 otherwise). One without a
+    /// name is called `animation 0`, by its number. Otherwise the first one is shown.
     #[must_use]
     pub fn with_animation(self, name: impl Into<String>) -> Self {
         Self { animation: Some(name.into()), ..self }

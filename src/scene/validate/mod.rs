@@ -109,6 +109,7 @@ impl Scene {
             surface_requests: _,
             options: _,
             warnings: _,
+            is_animated: _,
             variants: _,
             files: _,
         } = self;

@@ -56,7 +56,7 @@ pub fn run(
             shots.push_back(Shot::begin(args, rendering, frame, camera, &integrator, options)?);
         }
         for shot in &mut shots {
-            shot.advance(args, setup, rendering, &mut totals, progress)?;
+            shot.advance(args, setup, &mut totals, progress)?;
         }
         let Some(oldest) = shots.front() else { break };
         if !oldest.picture.is_complete() {
@@ -72,7 +72,7 @@ pub fn run(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, rendering, animation, &viewer)?;
+        let written = shot.write(args, animation, &viewer)?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();

@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use animation::{Animation, Files};
 use anyhow::{Result, bail, ensure};
 use raystream::film::{Format, MAX_RADIANCE, picture_files};
-use raystream::picture::{AnyIntegrator, CheckedSpec, Checkpoint, Registry, Rendering, Shaders};
+use raystream::picture::{AnyIntegrator, CheckedSpec, Checkpoint, Moving, Registry, Rendering, Shaders};
 use raystream::render::{Aov, PASSES_IN_FLIGHT};
 use raystream::scene::Camera;
 use raystream::schedule::{JobHandle, JobOptions, LimitsError};
@@ -62,7 +62,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     let in_flight = if args.spec.has_several() { args.frames_in_flight as usize } else { 1 };
     checked.afford(&memory, in_flight as u64)?;
     let mut watched = Shaders::default();
-    let options = args.spec.loading.options(&memory);
+    let options = checked.spec().loading.options(&memory);
     let bytes = in_flight as u64 * checked.picture_bytes();
     let max_jobs = in_flight * PASSES_IN_FLIGHT;
     let path = checked.scene_file()?;
@@ -76,6 +76,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     })?;
     let rendering = checked.rendering(setup.prepared.clone())?.with_policy(setup.policy);
     let rendering = rendering.with_threads(setup.service.host_threads());
+    let rendering = rendering.with_moving(|| Moving::new(options, memory, setup.units.clone()));
     ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
     if args.spec.has_several() {
         let animation = Animation::new(args, &rendering)?;

@@ -20,6 +20,8 @@ use std::time::Duration;
 /// A frame being rendered, in passes if noise decides when it ends.
 pub struct Shot {
     pub frame: u32,
+    /// The rendering of the frame's scene.
+    rendering: Rendering,
     pub camera: Camera,
     pub picture: Progressive<AnyIntegrator>,
     /// Where its samples are kept if the animation is interrupted.
@@ -39,13 +41,19 @@ impl Shot {
         integrator: &AnyIntegrator,
         options: PassOptions,
     ) -> Result<Self> {
-        let seen = integrator.seen_by(&camera).with_context(|| format!("frame {frame}"))?;
-        let checkpoint = of_frame(args, rendering, &camera, frame);
+        let moves = rendering.moves();
+        let rendering = rendering.of_frame(frame)?;
+        let seen = match moves {
+            true => rendering.integrator(&camera),
+            false => integrator.seen_by(&camera).map_err(anyhow::Error::new),
+        };
+        let seen = seen.with_context(|| format!("frame {frame}"))?;
+        let checkpoint = of_frame(args, &rendering, &camera, frame);
         let picture = match &checkpoint {
             Some(checkpoint) if checkpoint.is_kept() => checkpoint.begin(seen, options)?,
             _ => Progressive::new(seen, options),
         };
-        Ok(Self { frame, camera, picture, checkpoint, begin_s: f64::INFINITY, end_s: 0.0 })
+        Ok(Self { frame, rendering, camera, picture, checkpoint, begin_s: f64::INFINITY, end_s: 0.0 })
     }
 
     /// Collects finished passes and begins the next.
@@ -53,13 +61,12 @@ impl Shot {
         &mut self,
         args: &RenderArgs,
         setup: &Setup,
-        rendering: &Rendering,
         totals: &mut Totals,
         progress: &mut Progress,
     ) -> Result<()> {
         let name = format!("frame {}", self.frame);
         loop {
-            self.picture.begin(|pass| submit(setup, args, rendering, pass, &name))?;
+            self.picture.begin(|pass| submit(setup, args, &self.rendering, pass, &name))?;
             if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
                 return Ok(());
             }
@@ -98,13 +105,8 @@ impl Shot {
     }
 
     /// Writes the picture of a complete frame, and its partial film.
-    pub fn write(
-        &self,
-        args: &RenderArgs,
-        rendering: &Rendering,
-        animation: &Animation<'_>,
-        viewer: &Viewer,
-    ) -> Result<FrameStats> {
+    pub fn write(&self, args: &RenderArgs, animation: &Animation<'_>, viewer: &Viewer) -> Result<FrameStats> {
+        let rendering = &self.rendering;
         let mean_spp = mean_samples(&self.picture);
         // Whoever adds up partial films removes the noise of their sum.
         let picture = match animation.picture(self.frame) {

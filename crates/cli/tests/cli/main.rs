@@ -8,6 +8,7 @@ mod frames;
 mod hostile;
 mod layers;
 mod look;
+mod moving;
 mod options;
 mod outputs;
 mod progressive;

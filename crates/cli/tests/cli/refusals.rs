@@ -74,7 +74,7 @@ fn bad_arguments_are_refused() {
         (vec!["--timeline", "t.txt"], ".json or .svg"),
         (vec!["--stats", "none/s.json"], "none/s.json"),
         (vec!["--frames", "5..5"], "empty"),
-        (vec!["--frames", "0..5", "-o", "a.%d.png"], "no camera animation"),
+        (vec!["--frames", "0..5", "-o", "a.%d.png"], "the scene has no animation"),
         (vec!["--frames", "0..5", "--turntable", "9"], "out.%04d.png"),
         (vec!["--turntable", "9"], "--frames"),
         (vec!["--frames", "0..5", "--camera-path", "p.json", "-o", "a.%d.png"], "p.json"),

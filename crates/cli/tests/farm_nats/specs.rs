@@ -13,8 +13,8 @@ use std::process::Command;
 
 use crate::service::Service;
 
-/// Ten pictures, of the scene `box.json`.
-fn specs() -> [Value; 10] {
+/// Pictures, of the scene `box.json` unless they name another one.
+fn specs() -> [Value; 11] {
     [
         json!({ "seed": 7, "max-bounces": 3, "material": "white,base-colour=0.3,0.7,0.2,roughness=0.5" }),
         json!({ "integrator": "whitted", "filter": "gaussian:2.5" }),
@@ -26,6 +26,7 @@ fn specs() -> [Value; 10] {
         json!({ "surface": ["white=dust.wgsl"], "clamp-indirect": 4 }),
         json!({ "integrator": "rooms.wgsl", "region": [3, 2, 9, 7] }),
         json!({ "views": 2, "noise": 0.5, "spp": 32 }),
+        json!({ "scene": "fall.gltf", "frames": "0..3", "fps": 4, "time": 0.25 }),
     ]
 }
 
@@ -39,7 +40,35 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
     let mut sky = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n".to_vec();
     sky.extend((0..8_u8).flat_map(|pixel| [20 * pixel + 40, 90, 200 - 20 * pixel, 129]));
     fs::write(folder.join("sky.hdr"), sky).expect("a sky");
-    vec!["box.json", "dust.wgsl", "rooms.wgsl", "pose.txt", "sky.hdr"]
+    fs::write(folder.join("fall.gltf"), falling_triangle()).expect("a scene");
+    vec!["box.json", "dust.wgsl", "rooms.wgsl", "pose.txt", "sky.hdr", "fall.gltf"]
+}
+
+/// A triangle that falls for a second.
+fn falling_triangle() -> String {
+    let floats: [&[f32]; 3] =
+        [&[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 1.0], &[0.0, 1.0, 0.0, 0.5, -1.0, 0.0]];
+    let bytes: Vec<u8> = floats.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
+    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
+    json!({
+        "asset": { "version": "2.0" },
+        "buffers": [{ "byteLength": bytes.len(), "uri": format!("data:application/octet-stream,{data}") }],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": 36 },
+            { "buffer": 0, "byteOffset": 36, "byteLength": 8 },
+            { "buffer": 0, "byteOffset": 44, "byteLength": 24 }
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3 },
+            { "bufferView": 1, "componentType": 5126, "type": "SCALAR", "count": 2 },
+            { "bufferView": 2, "componentType": 5126, "type": "VEC3", "count": 2 }
+        ],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "nodes": [{ "mesh": 0 }],
+        "animations": [{ "samplers": [{ "input": 1, "output": 2 }],
+            "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }] }]
+    })
+    .to_string()
 }
 
 fn zip(folder: &Path, names: &[&str]) -> Vec<u8> {
@@ -82,14 +111,17 @@ fn by_program(folder: &Path, spec: &Value) -> Vec<String> {
     let rendering = open(&spec, folder, &Units::cpu()).expect("a scene");
     let service = Scheduler::new(ServiceOptions::default().with_max_jobs(2)).expect("threads");
     let render = |frame| rendering.render(&service, frame).expect("a picture").image.hash();
-    rendering.frames().numbers().map(render).collect()
+    let hashes: Vec<String> = rendering.frames().numbers().map(render).collect();
+    let different: std::collections::HashSet<&String> = hashes.iter().collect();
+    assert_eq!(different.len(), hashes.len(), "pictures differ");
+    hashes
 }
 
 /// The hashes of the pictures of a job whose body is the spec, with the scene's id.
 fn by_job(service: &Service, scene: &str, spec: &Value) -> Vec<String> {
     let mut body = spec.clone();
+    body["entry"] = spec["scene"].clone();
     body["scene"] = json!(scene);
-    body["entry"] = json!("box.json");
     let answer = service.post("/api/v1/jobs", &body);
     assert!([200, 202].contains(&answer.status), "{body}: {}", answer.json());
     service.hashes(answer.json()["id"].as_str().expect("an id"))
@@ -119,10 +151,10 @@ fn one_text_is_one_picture_by_file_program_job_worker_and_print() {
         assert_eq!(by_job(&farm, &scene, &spec), program, "by a worker: {spec}");
         let printed = raystream(files.path(), &["render", "--options", "spec.json", "--print-spec"]);
         let printed: Value = serde_json::from_str(&printed).expect("JSON");
-        assert_eq!(printed["scene"], "box.json");
+        assert_eq!(printed["scene"], spec["scene"]);
         let answer = own.post("/api/v1/jobs", &{
             let mut body = printed.clone();
-            (body["scene"], body["entry"]) = (json!(same), json!("box.json"));
+            (body["scene"], body["entry"]) = (json!(same), spec["scene"].clone());
             body
         });
         assert_eq!(

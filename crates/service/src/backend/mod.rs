@@ -21,7 +21,8 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::MemoryBudget;
 use raystream::picture::{
-    CheckedSpec, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file, with_causes,
+    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file,
+    with_causes,
 };
 use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};
@@ -173,6 +174,9 @@ impl RenderBackend {
         metrics::gauge!("raystream_scene_cache_bytes").set(self.cache.weight() as f64);
         let rendering = checked.rendering(PreparedScene::clone(&prepared))?.with_policy(self.units.policy);
         let rendering = rendering.with_threads(self.service().host_threads());
+        let options = checked.spec().loading.options(&self.memory).with_root(folder);
+        let moving = || Moving::new(options, self.memory, self.units.units.clone());
+        let rendering = rendering.with_moving(moving);
         Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone()))
     }
 

@@ -60,6 +60,13 @@ impl<'a> Elements<'a> {
             DataType::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
         }
     }
+
+    /// Words of 32 bits of element `i`, which has as many.
+    #[inline]
+    fn words<const N: usize>(&self, i: usize) -> [[u8; 4]; N] {
+        let bytes = &self.bytes[i * self.stride..][..4 * N];
+        from_index(|c| [bytes[4 * c], bytes[4 * c + 1], bytes[4 * c + 2], bytes[4 * c + 3]])
+    }
 }
 
 /// The number of elements that memory may be taken for before they are read. 0 if there cannot be as many as the
@@ -87,6 +94,12 @@ pub(super) fn vectors<const N: usize>(
     }
     let kind = accessor.data_type();
     let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
+    // Nearly all accessors have floats and need no conversion.
+    if kind == DataType::F32 {
+        return read(buffers, accessor, N, [0.0; N], |elements, i| {
+            elements.words::<N>(i).map(f32::from_le_bytes)
+        });
+    }
     // The least signed integer would become less than −1.
     let is_signed = accessor.normalized() && matches!(kind, DataType::I8 | DataType::I16);
     let vector = |elements: &Elements, i| {
@@ -139,6 +152,9 @@ pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>
             "is of type {:?} of {kind:?}, but indices are unsigned integer scalars",
             accessor.dimensions()
         ));
+    }
+    if kind == DataType::U32 {
+        return read(buffers, accessor, 1, 0, |elements, i| u32::from_le_bytes(elements.words::<1>(i)[0]));
     }
     read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32)
 }

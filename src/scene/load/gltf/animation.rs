@@ -9,7 +9,6 @@ use crate::scene::{
 use ::gltf::animation::{Channel, Interpolation as SourceInterpolation, Property};
 use ::gltf::{Animation, Node};
 use glam::{DQuat, DVec3};
-use std::collections::BTreeSet;
 
 /// The animation of the camera. `chain` lists the nodes from the root down to the camera's node. `None` if no
 /// animation moves a node of the chain. If several do, the first is used.
@@ -64,22 +63,6 @@ pub(super) fn read(
         Property::MorphTargetWeights => {}
     }
     Ok(())
-}
-
-/// Warns if the file animates anything except cameras, whose nodes and those above them are `nodes`, and no time was
-/// chosen.
-pub(super) fn warn_of_others(context: &mut Context, nodes: &BTreeSet<usize>) {
-    let options = &context.session.options;
-    if options.time.is_some() || options.animation.is_some() {
-        return;
-    }
-    let in_chain = |channel: &Channel| nodes.contains(&channel.target().node().index());
-    if context.document.animations().any(|animation| !animation.channels().all(|c| in_chain(&c))) {
-        let names = pose::names(context.document).join(", ");
-        context.session.warnings.add(format!(
-            "The file is animated ({names}); it keeps its rest pose unless a time is chosen (--time)."
-        ));
-    }
 }
 
 /// A node that stands still.

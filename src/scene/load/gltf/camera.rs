@@ -2,7 +2,7 @@
 
 use super::super::LoadProblem;
 use super::Context;
-use super::animation::{camera_motion, warn_of_others};
+use super::animation::camera_motion;
 use crate::scene::{Camera, NamedCamera, Projection};
 use ::gltf::camera::Projection as SourceProjection;
 use ::gltf::{Document, Node};
@@ -43,15 +43,12 @@ impl Cameras {
     /// # Errors
     /// When keys are missing or out of order.
     pub(super) fn finish(self, context: &mut Context) -> Result<Vec<NamedCamera>, LoadProblem> {
-        let mut animated = BTreeSet::new();
         let mut cameras = Vec::new();
         for (named, node) in self.found {
             let chain = path_from_root(context.document, node);
             let motion = camera_motion(context, &chain, named.camera)?;
-            animated.extend(chain.iter().map(Node::index));
             cameras.push(named.with_motion(motion));
         }
-        warn_of_others(context, &animated);
         Ok(cameras)
     }
 }

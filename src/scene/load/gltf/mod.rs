@@ -87,6 +87,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         camera_motion: world.cameras.first().and_then(|named| named.motion.clone()),
         cameras: world.cameras,
         surface_requests,
+        is_animated: world.is_animated,
         variants,
         ..Scene::default()
     })

@@ -6,7 +6,7 @@ use super::camera::Cameras;
 use super::instancing::{Instancing, Transforms};
 use super::mesh::{self, Flattened, Materials};
 use super::object::ObjectsByNode;
-use super::pose::Pose;
+use super::pose::{self, Pose};
 use super::{Context, accessor};
 use crate::scene::{
     Instance, Light, LightShape, MeshSize, NamedCamera, Objects, Shape, TriangleMesh, unit_rotation,
@@ -24,6 +24,8 @@ pub(super) struct World {
     pub(super) objects: Objects,
     pub(super) lights: Vec<Light>,
     pub(super) cameras: Vec<NamedCamera>,
+    /// True if the animation moves more than cameras.
+    pub(super) is_animated: bool,
     /// True if triangles without a material use index `materials.len()`, the fallback material.
     pub(super) uses_fallback: bool,
 }
@@ -76,7 +78,8 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Re
     let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
     let cameras = cameras.finish(context)?;
     let objects = objects.finish();
-    Ok(World { mesh, shapes, objects, lights, cameras, uses_fallback })
+    let is_animated = pose::is_animated(context)?;
+    Ok(World { mesh, shapes, objects, lights, cameras, is_animated, uses_fallback })
 }
 
 /// A node of the scene.

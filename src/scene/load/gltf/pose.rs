@@ -45,6 +45,47 @@ pub(super) fn chosen<'a>(context: &mut Context<'a>) -> Result<Option<Animation<'
     })
 }
 
+/// True if the animation that the options choose moves more than cameras: meshes, lights, joints, morph targets. Where
+/// no time is chosen, a warning tells it.
+///
+/// # Errors
+/// When there is no animation of the name.
+pub(super) fn is_animated(context: &mut Context) -> Result<bool, LoadProblem> {
+    let Some(animation) = chosen(context)? else { return Ok(false) };
+    let document = context.document;
+    let mut parents = vec![None; document.nodes().len()];
+    for (parent, child) in
+        document.nodes().flat_map(|node| node.children().map(move |child| (node.index(), child)))
+    {
+        parents[child.index()] = Some(parent);
+    }
+    let joints =
+        document.skins().flat_map(|skin| skin.joints().map(|joint| joint.index()).collect::<Vec<_>>());
+    let shown = document.nodes().filter(|node| node.mesh().is_some() || node.light().is_some());
+    // A node that is moved moves all that is below it. No node is below itself, or the file has been refused.
+    let mut carries = vec![false; parents.len()];
+    for start in shown.map(|node| node.index()).chain(joints) {
+        let mut at = Some(start);
+        while let Some(node) = at.filter(|node| !carries[*node]) {
+            carries[node] = true;
+            at = parents[node];
+        }
+    }
+    let moves = |channel: ::gltf::animation::Channel| {
+        let target = channel.target();
+        target.property() == Property::MorphTargetWeights || carries[target.node().index()]
+    };
+    let is_animated = animation.channels().any(moves);
+    let options = &context.session.options;
+    if is_animated && options.time.is_none() && options.animation.is_none() {
+        let names = names(document).join(", ");
+        context.session.warnings.add(format!(
+            "The file is animated ({names}); it keeps its rest pose unless a time is chosen (--time)."
+        ));
+    }
+    Ok(is_animated)
+}
+
 impl Pose {
     /// The pose that the options choose: that of an animation at a time, or the pose at rest.
     ///
