@@ -86,7 +86,7 @@ fn nodes_move_with_those_above_them() {
     document.json["nodes"][0]["translation"] = json!([1.0, 0.0, 0.0]);
     document.node(json!({ "children": [0] }));
     document.json["scenes"] = json!([{ "nodes": [1] }]);
-    let angles = [0.0, 2.0, 1.0].map(|angle| quaternion(angle)).concat();
+    let angles = [0.0, 2.0, 1.0].map(quaternion).concat();
     document.animate(1, "rotation", "LINEAR", (&[1.0, 2.0, 4.0], "VEC4", &angles));
     let heights = [0.0, 0.0, 0.0, 0.0, 0.0, 3.0];
     document.animate(0, "translation", "STEP", (&[0.0, 2.0], "VEC3", &heights));

@@ -112,6 +112,12 @@ impl Bending {
     }
 }
 
+/// Four joints that each vertex follows, and their weights.
+struct InfluenceSet {
+    followed: Vec<[f32; 4]>,
+    weights: Vec<[f32; 4]>,
+}
+
 /// The skin of a primitive. `None`, with a warning, if its vertices follow no joints.
 fn skin(
     context: &mut Context,
@@ -119,7 +125,7 @@ fn skin(
     joints: &[DMat4],
     count: usize,
 ) -> Result<Option<Skin>, String> {
-    let mut sets: Vec<(Vec<[f32; 4]>, Vec<[f32; 4]>)> = Vec::new();
+    let mut sets: Vec<InfluenceSet> = Vec::new();
     for set in 0.. {
         let found = (primitive.get(&Semantic::Joints(set)), primitive.get(&Semantic::Weights(set)));
         let (Some(followed), Some(weights)) = found else { break };
@@ -130,14 +136,15 @@ fn skin(
         }
         let followed = accessor::plain_vectors(context.buffers, &followed)
             .map_err(|problem| format!("JOINTS_{set} (accessors[{}]): {problem}", followed.index()))?;
-        sets.push((followed, read_attribute(context, &format!("WEIGHTS_{set}"), &weights)?));
+        let weights = read_attribute(context, &format!("WEIGHTS_{set}"), &weights)?;
+        sets.push(InfluenceSet { followed, weights });
     }
     if sets.is_empty() {
         context.session.warnings.add("A mesh has a skin but no joints; it keeps its rest shape.");
         return Ok(None);
     }
     let influences = |vertex: usize| {
-        let of_set = move |(followed, weights): &(Vec<[f32; 4]>, Vec<[f32; 4]>)| {
+        let of_set = move |InfluenceSet { followed, weights }: &InfluenceSet| {
             let (followed, weights) = (followed[vertex], weights[vertex]);
             // Joints are integers of at most 16 bits; what is none becomes one that does not exist.
             [0, 1, 2, 3].map(|i| (followed[i].clamp(0.0, f32::from(u16::MAX)) as u16, weights[i]))

@@ -32,7 +32,7 @@ pub struct Load {
 }
 
 /// The number of workers with which a second brings the most units: as many as the coordinator can take sums of beside
-/// their reports. At least [`LEAST_WORKERS`].
+/// their reports. At least 8.
 pub fn most_workers(load: &Load) -> usize {
     let Load { threads, worker_s, unit_s, frame_s, frames, rendering_s, slots } = *load;
     // Units that a worker brings in a second.
