@@ -362,3 +362,16 @@ fn wrong_skins_targets_and_keys_are_named() {
     let error = at(&document, &LoadOptions::default().with_time(1.0)).expect_err("wrong");
     assert_holds(&error, &["2 times and 3 values", "1 finite values for each time"]);
 }
+
+#[test]
+fn a_small_file_cannot_displace_vertices_for_hours() {
+    let mut document = Document::new();
+    let zeros = document.add("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 16 }));
+    document.mesh(
+        json!({ "attributes": { "POSITION": zeros }, "targets": vec![json!({ "POSITION": zeros }); 20_000] }),
+    );
+    document.json["meshes"][0]["weights"] = json!(vec![1.0; 20_000]);
+    document.node(json!({ "mesh": 0 }));
+    document.view(&[0; 4]);
+    assert_holds(&document.message(), &["20000 morph targets of 65536 vertices", "at most"]);
+}

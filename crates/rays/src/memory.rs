@@ -85,7 +85,7 @@ impl Default for MemoryBudget {
 }
 
 /// Bytes in a unit that keeps the number short.
-fn readable(bytes: u64) -> String {
+pub fn readable(bytes: u64) -> String {
     match bytes {
         0..1_000_000 => format!("{bytes} bytes"),
         1_000_000..1_000_000_000 => format!("{:.2} MB", bytes as f64 * 1e-6),

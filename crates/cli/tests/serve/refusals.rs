@@ -150,6 +150,42 @@ fn hostile_scenes_fail_alone() {
 }
 
 #[test]
+fn scenes_share_one_budget_however_many_are_read() {
+    let data = folder();
+    // Twice as much for all scenes as for one. Each of these takes 87 MB while its tree is built, and 35 MB then.
+    let service = Service::start(data.path(), &["--memory", "100M"]);
+    let most = 2.0 * f64::from(100 << 20);
+    let ball = |radius: u32| {
+        let shape = json!({ "shape": "sphere", "centre": [0, 0, 0], "radius": radius, "cells": 200,
+            "material": "a" });
+        json!({ "environment": [1, 1, 1], "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [shape] })
+    };
+    let submit = |radius: u32| {
+        let (scene, answer) = service.upload(ball(radius).to_string().as_bytes());
+        assert_eq!(answer.status, 201, "{}", answer.json());
+        service.submit(&scene, &json!({ "size": "32x32", "spp": 4 }))
+    };
+    let taken = || {
+        let measurements = String::from_utf8_lossy(&service.get("/metrics").body).into_owned();
+        let line = measurements.lines().find_map(|line| line.strip_prefix("raystream_scene_memory_bytes "));
+        line.map_or(0.0, |number| number.parse::<f64>().expect("a number"))
+    };
+    let ids: Vec<String> = (1..=6).map(submit).collect();
+    let (mut left, mut highest) = (ids, 0.0_f64);
+    while !left.is_empty() {
+        highest = highest.max(taken());
+        left.retain(|id| {
+            let job = service.job(id);
+            assert_ne!(job["state"], "failed", "{job}");
+            job["state"] != "done"
+        });
+    }
+    assert!(highest > f64::from(60 << 20) && highest <= most, "{highest}");
+    // Scenes that no one needs make room for others: what is left is what is kept ready.
+    assert!(taken() <= f64::from(100 << 20), "{}", taken());
+}
+
+#[test]
 fn a_process_that_says_much_about_a_scene_delays_no_one() {
     let data = folder();
     let service = Service::start(data.path(), &[]);

@@ -2,9 +2,10 @@
 
 use super::disk_cache::{Kept, shrink};
 use crate::contract::hex;
-use raystream::memory::MemoryBudget;
+use raystream::memory::{MemoryBudget, OutOfMemory};
 use raystream::picture::{RenderSpec, SpecGroup};
-use raystream::scene::{Scene, flat};
+use raystream::scene::Scene;
+use raystream::scene::flat::{self, FlatError};
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use std::fs::{DirEntry, File};
@@ -74,16 +75,20 @@ impl LoadedScenes {
     }
 
     /// Reads a scene's file. `None`, and the file is gone, if it is damaged.
-    pub fn read(&self, path: &Path, memory: &MemoryBudget) -> Option<Scene> {
+    ///
+    /// # Errors
+    /// If the scene needs more memory.
+    pub fn read(&self, path: &Path, memory: &MemoryBudget) -> Result<Option<Scene>, OutOfMemory> {
         if !path.exists() {
-            return None;
+            return Ok(None);
         }
         match flat::read(path, memory) {
-            Ok(scene) => Some(scene),
+            Ok(scene) => Ok(Some(scene)),
+            Err(FlatError::Memory(error)) => Err(error),
             Err(error) => {
                 log::warn!("{}: {error}; the scene is loaded from its own files", path.display());
                 let _ = std::fs::remove_file(path);
-                None
+                Ok(None)
             }
         }
     }

@@ -87,6 +87,20 @@ impl<V: Clone> MemoryCache<V> {
         self.lock().values.retain(|key, entry| matches!(entry, Entry::Loading) || !key.starts_with(start));
     }
 
+    /// Lets go of the value that was not used for the longest time, of those that may go. False if none may.
+    pub fn let_go(&self, may_go: impl Fn(&V) -> bool) -> bool {
+        let mut state = self.lock();
+        let oldest = state.values.iter().filter_map(|(key, entry)| match entry {
+            Entry::Ready { value, used, .. } if may_go(value) => Some((*used, key.clone())),
+            _ => None,
+        });
+        let Some((_, key)) = oldest.min() else { return false };
+        let gone = state.values.remove(&key);
+        drop(state);
+        drop(gone);
+        true
+    }
+
     /// The weight of what is kept.
     pub fn weight(&self) -> u64 {
         self.lock().values.values().filter_map(Entry::ready).map(|(_, weight)| weight).sum()
@@ -154,6 +168,8 @@ mod tests {
         assert!(cache.get("b", must_not).is_err(), "it was forgotten");
         assert_eq!(cache.get("heavy", || Ok::<_, String>(99)), Ok(99));
         assert_eq!((cache.get("heavy", must_not), cache.weight()), (Ok(99), 99), "it stays alone");
+        assert!(!cache.let_go(|value| *value < 99) && cache.let_go(|value| *value == 99));
+        assert!(cache.get("heavy", must_not).is_err(), "it was let go");
     }
 
     #[test]

@@ -4,6 +4,7 @@ mod disk_cache;
 mod job_cost;
 mod loaded_scenes;
 mod memory_cache;
+mod memory_pool;
 mod open_job;
 mod scene_reader;
 
@@ -11,15 +12,16 @@ pub use disk_cache::{Kept, shrink};
 pub use job_cost::{FrameId, JobCost, StopRule};
 pub use loaded_scenes::LoadedScenes;
 pub use memory_cache::MemoryCache;
-pub use open_job::OpenJob;
+pub use open_job::{KeptScene, OpenJob};
 pub use scene_reader::SceneReader;
 
 use crate::contract::inside;
 use anyhow::{Context, Result, bail, ensure};
 use glam::Vec3;
+use memory_pool::{MemoryPool, MemoryShare};
 use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
-use raystream::memory::MemoryBudget;
+use raystream::memory::{MemoryBudget, OutOfMemory};
 use raystream::picture::{
     CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file,
     with_causes,
@@ -40,6 +42,15 @@ pub const SCHEDULED: usize = 16;
 
 /// How long a process that reads a scene is waited for between two looks.
 const LOOK: Duration = Duration::from_millis(5);
+
+/// Scenes that are read at the same time, as long as each takes no more than that part of what a scene may take.
+const TOGETHER: u64 = 4;
+
+/// Jobs that are kept ready, with their scenes.
+const READY: u64 = 8;
+
+/// How long a scene waits for memory that others hold.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Bytes that are kept of what a process says that reads a scene.
 const TOLD: usize = 1 << 16;
@@ -69,20 +80,25 @@ pub struct RenderBackend {
     units: SharedUnits,
     memory: MemoryBudget,
     /// Prepared scenes that may be needed again, by what they are made from.
-    cache: MemoryCache<Arc<PreparedScene>>,
+    cache: MemoryCache<Arc<KeptScene>>,
+    /// Jobs that may have another unit soon.
+    jobs: MemoryCache<OpenJob>,
+    /// Memory of all scenes together.
+    pool: Arc<MemoryPool>,
     loaded: LoadedScenes,
     viewer: Option<Arc<Tev>>,
     is_ending: AtomicBool,
 }
 
 impl RenderBackend {
-    /// A backend with these units, at most so many bytes for a scene and for those that are kept ready, and a place for
-    /// loaded scenes.
+    /// A backend with these units, at most so many bytes for a scene and for those that are kept ready, at most twice
+    /// as many for all scenes, those that are being read included, and a place for loaded scenes.
     pub fn new(registry: Registry, units: SharedUnits, memory: Option<u64>, loaded: LoadedScenes) -> Self {
         let memory = memory.unwrap_or_else(|| MemoryBudget::of_machine().bytes() / 2);
-        let weigh = |scene: &Arc<PreparedScene>| scene.scene.bytes() + scene.bvh.bytes() as u64;
-        let (cache, memory) = (MemoryCache::new(memory, weigh), MemoryBudget::of_bytes(memory));
-        Self { registry, units, memory, cache, loaded, viewer: None, is_ending: AtomicBool::new(false) }
+        let cache = MemoryCache::new(memory, |scene: &Arc<KeptScene>| weight(&scene.prepared));
+        let (pool, memory) = (MemoryPool::new(memory.saturating_mul(2)), MemoryBudget::of_bytes(memory));
+        let (jobs, is_ending) = (MemoryCache::new(READY, |_| 1), AtomicBool::new(false));
+        Self { registry, units, memory, cache, jobs, pool, loaded, viewer: None, is_ending }
     }
 
     /// The same, whose pictures and views a viewer shows.
@@ -148,8 +164,11 @@ impl RenderBackend {
                 return Ok(triangles);
             }
             self.loaded.make_room();
-            let command = scene_reading(spec, folder, flat.as_deref(), self.memory)?;
-            triangles_read(command, folder, time, &self.is_ending)
+            let read = |memory| {
+                let command = scene_reading(spec, folder, flat.as_deref(), memory)?;
+                triangles_read(command, folder, time, &self.is_ending)
+            };
+            self.within_memory(read).map(|(triangles, _)| triangles)
         });
         tried.map_err(|error| with_causes(&error))
     }
@@ -164,28 +183,56 @@ impl RenderBackend {
     /// # Errors
     /// Why it cannot be read, or what options and scene have against each other.
     pub fn open(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob, String> {
-        self.open_job(spec, scene, folder).map_err(|error| with_causes(&error))
+        let key = format!("{} {}", scene.display(), spec.canonical());
+        let open = || self.open_job(spec, scene, folder).map_err(|error| with_causes(&error));
+        self.jobs.get(&key, open)
     }
 
     fn open_job(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob> {
         let checked = self.checked(spec, scene, folder)?;
         let key = SceneSpec::from(checked.spec()).key();
-        let prepared = self.cache.get(&key, || self.prepare(&checked, folder).map(Arc::new))?;
+        let kept = self.cache.get(&key, || {
+            let (prepared, mut share) =
+                self.within_memory(|memory| self.prepare(&checked, folder, memory))?;
+            share.shrink_to(weight(&prepared));
+            Ok::<_, anyhow::Error>(Arc::new(KeptScene { prepared, _share: share }))
+        })?;
         metrics::gauge!("raystream_scene_cache_bytes").set(self.cache.weight() as f64);
-        let rendering = checked.rendering(PreparedScene::clone(&prepared))?.with_policy(self.units.policy);
+        let rendering = checked.rendering(kept.prepared.clone())?.with_policy(self.units.policy);
         let rendering = rendering.with_threads(self.service().host_threads());
         let options = checked.spec().loading.options(&self.memory).with_root(folder);
         let moving = || Moving::new(options, self.memory, self.units.units.clone());
         let rendering = rendering.with_moving(moving);
-        Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone()))
+        Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone(), kept))
+    }
+
+    /// Reads a scene in a part of the memory, beside others; one that needs more, in all that a scene may take, with
+    /// few others. Returns what was read, and the memory that it was read in.
+    fn within_memory<T>(&self, read: impl Fn(MemoryBudget) -> Result<T>) -> Result<(T, MemoryShare)> {
+        let take = |bytes| {
+            let is_idle = |scene: &Arc<KeptScene>| Arc::strong_count(scene) == 1;
+            let make_room = || self.jobs.let_go(OpenJob::is_idle) || self.cache.let_go(is_idle);
+            self.pool.take(bytes, PATIENCE, &self.is_ending, make_room)
+        };
+        let (part, all) = (self.memory.bytes() / TOGETHER, self.memory.bytes());
+        let share = take(part)?;
+        match read(MemoryBudget::of_bytes(part)) {
+            Err(error) if is_of_memory(&error) => {
+                drop(share);
+                let share = take(all)?;
+                Ok((read(self.memory)?, share))
+            }
+            read => Ok((read?, share)),
+        }
     }
 
     /// Reads a scene and prepares it.
-    fn prepare(&self, checked: &CheckedSpec, folder: &Path) -> Result<PreparedScene> {
+    fn prepare(&self, checked: &CheckedSpec, folder: &Path, memory: MemoryBudget) -> Result<PreparedScene> {
         let spec = checked.spec();
-        let options = spec.loading.options(&self.memory).with_root(folder);
+        let options = spec.loading.options(&memory).with_root(folder);
         let path = self.loaded.path(spec, folder);
-        let mut scene = match path.and_then(|path| self.loaded.read(&path, &self.memory)) {
+        let flat = path.map_or(Ok(None), |path| self.loaded.read(&path, &memory))?;
+        let mut scene = match flat {
             Some(scene) => {
                 scene_file::tell(&scene.warnings);
                 scene
@@ -195,7 +242,7 @@ impl RenderBackend {
         refuse_foreign_shaders(&scene)?;
         // Shaders are part of the scene's hash, so they are not changed.
         drop(checked.change(&mut scene, &options)?);
-        afford(&self.memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
+        afford(&memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
         let prepared = PreparedScene::new(scene, &self.units.units)?;
         // All units have clones: what they need is computed once.
         prepared.lit();
@@ -208,10 +255,22 @@ impl RenderBackend {
         self.viewer.clone()
     }
 
-    /// Lets go of the scenes of a folder that the cache holds: none of them will be asked for again.
+    /// Lets go of the scenes of a folder that are kept, and of their jobs: none of them will be asked for again.
     pub fn forget(&self, folder: &Path) {
-        self.cache.forget(&format!("{}/", folder.display()));
+        let start = format!("{}/", folder.display());
+        self.jobs.forget(&start);
+        self.cache.forget(&start);
     }
+}
+
+/// Bytes that a prepared scene takes.
+fn weight(prepared: &PreparedScene) -> u64 {
+    prepared.scene.bytes() + prepared.bvh.bytes() as u64
+}
+
+/// True if an error, here or in a process that reads a scene, is one of memory.
+fn is_of_memory(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.is::<OutOfMemory>() || cause.to_string().contains(" of memory"))
 }
 
 /// Refuses a field of view and a height that no camera can have, whatever the scene.

@@ -1,6 +1,7 @@
 //! A job whose scene has been read.
 
 use super::job_cost::FrameId;
+use super::memory_pool::MemoryShare;
 use crate::contract::hex;
 use raystream::engine::PreparedScene;
 use raystream::film::tev::Tev;
@@ -9,8 +10,9 @@ use raystream::picture::{FrameSum, Rendering, Watch, with_causes};
 use raystream::render::{Pass, Patch};
 use raystream::schedule::Service;
 use sha2::{Digest, Sha256};
+use std::collections::HashMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// A job whose scene has been read: its rendering, on a service that others use too. Errors are sentences for whoever
@@ -20,12 +22,33 @@ pub struct OpenJob {
     rendering: Rendering,
     service: Arc<Service>,
     viewer: Option<Arc<Tev>>,
+    /// Keeps the scene's share of the memory.
+    _scene: Arc<KeptScene>,
+    /// Hashes of what its frames are functions of, as far as they have been asked for.
+    identities: Arc<Mutex<HashMap<u32, String>>>,
+}
+
+/// A prepared scene with the memory that it takes.
+#[derive(Debug)]
+pub struct KeptScene {
+    pub(super) prepared: PreparedScene,
+    pub(super) _share: MemoryShare,
 }
 
 impl OpenJob {
     /// A job of a rendering, whose finished pictures a viewer shows.
-    pub(super) fn new(rendering: Rendering, service: Arc<Service>, viewer: Option<Arc<Tev>>) -> Self {
-        Self { rendering, service, viewer }
+    pub(super) fn new(
+        rendering: Rendering,
+        service: Arc<Service>,
+        viewer: Option<Arc<Tev>>,
+        scene: Arc<KeptScene>,
+    ) -> Self {
+        Self { rendering, service, viewer, _scene: scene, identities: Arc::default() }
+    }
+
+    /// True if there is no other clone of it.
+    pub(super) fn is_idle(&self) -> bool {
+        Arc::strong_count(&self.identities) == 1
     }
 
     /// Its scene.
@@ -44,10 +67,16 @@ impl OpenJob {
     /// # Errors
     /// If the job has no such frame.
     pub fn identity(&self, frame: u32) -> Result<String, String> {
+        let known = || self.identities.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(identity) = known().get(&frame) {
+            return Ok(identity.clone());
+        }
         let camera = self.rendering.camera(frame).map_err(|error| with_causes(&error))?;
         let identity = self.rendering.identity(Some(&camera));
         let json = serde_json::to_vec(&identity).map_err(|error| error.to_string())?;
-        Ok(hex(&Sha256::digest(json)))
+        let identity = hex(&Sha256::digest(json));
+        known().insert(frame, identity.clone());
+        Ok(identity)
     }
 
     /// Renders the samples of a piece of a frame's pass.

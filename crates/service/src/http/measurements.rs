@@ -23,7 +23,7 @@ const JOBS: &[f64] =
 const TILES: &[f64] = &[0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.15, 0.3, 1.0];
 
 /// Names, kinds and descriptions.
-const ALL: [(&str, Kind, &str); 28] = [
+const ALL: [(&str, Kind, &str); 29] = [
     ("raystream_build_info", Gauge, "1, with the version of the program as a label."),
     (
         "raystream_connections_closed_for_others_total",
@@ -52,6 +52,7 @@ const ALL: [(&str, Kind, &str); 28] = [
     ("raystream_refused_messages_total", Counter, "Messages of workers refused, by reason."),
     ("raystream_refused_tokens_total", Counter, "Requests refused for their token."),
     ("raystream_scene_cache_bytes", Gauge, "Bytes of scenes that are kept ready in memory."),
+    ("raystream_scene_memory_bytes", Gauge, "Bytes that scenes take: kept ready, in use, being read."),
     ("raystream_unit_seconds", Histogram(UNITS), "Time that a worker took for a unit."),
     ("raystream_units_compared_total", Counter, "Units rendered by two workers, by result."),
     ("raystream_units_offered_again_total", Counter, "Units whose holder fell silent."),

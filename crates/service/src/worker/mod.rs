@@ -44,9 +44,6 @@ const CORRUPT: usize = 22;
 /// Units that are kept back at the same time by a worker that holds them, for tests.
 const HOARD: Duration = Duration::from_secs(3600);
 
-/// Scenes that are kept ready, with their options.
-const READY: usize = 8;
-
 /// The options with which a worker is started.
 #[derive(Clone, Debug)]
 pub struct WorkerOptions {
@@ -107,7 +104,6 @@ pub struct Worker {
     /// Held while a slot asks for a unit: one at a time, so that each names all units of the others.
     asking: Mutex<()>,
     active: Mutex<HashMap<UnitId, Active>>,
-    ready: Mutex<Vec<(String, Arc<Opened>)>>,
     is_draining: AtomicBool,
     /// The units under way are given back too.
     is_ending: AtomicBool,
@@ -129,13 +125,6 @@ pub struct Worker {
 struct Active {
     token: String,
     watch: Arc<UnitWatch>,
-}
-
-/// A scene with its options.
-struct Opened {
-    open_job: OpenJob,
-    /// What its frames are functions of.
-    identities: Mutex<HashMap<u32, String>>,
 }
 
 /// What has become of a unit.
@@ -184,7 +173,6 @@ impl Worker {
             is_listening: AtomicBool::new(false),
             asking: Mutex::default(),
             active: Mutex::default(),
-            ready: Mutex::default(),
             is_draining: AtomicBool::new(false),
             is_ending: AtomicBool::new(false),
             refused: Mutex::default(),
@@ -526,7 +514,6 @@ impl Worker {
         if discarded.get(scene).is_some_and(|last| began < *last) {
             return;
         }
-        lock(&self.ready).retain(|(key, _)| !key.starts_with(scene));
         if let Some(folder) = self.scenes.folder(scene) {
             self.scenes.discard(scene);
             self.reader.forget(&folder);
@@ -552,42 +539,22 @@ impl Worker {
 
     fn patch(&self, unit: &Unit, watch: &UnitWatch) -> Result<Rendered, Failed> {
         let began = Instant::now();
-        let opened = self.open(unit)?;
+        let open_job = self.open(unit)?;
         let opening_s = began.elapsed().as_secs_f64();
         let frame = unit.id.frame;
-        let known = lock(&opened.identities).get(&frame).cloned();
-        let identity = match known {
-            Some(identity) => identity,
-            None => opened.open_job.identity(frame).map_err(Failed::Unit)?,
-        };
-        lock(&opened.identities).insert(frame, identity.clone());
+        let identity = open_job.identity(frame).map_err(Failed::Unit)?;
         let piece = Pass::new(unit.blocks.clone().into(), unit.samples.clone());
-        let patch = opened.open_job.patch(frame, piece, watch).map_err(Failed::Unit)?;
+        let patch = open_job.patch(frame, piece, watch).map_err(Failed::Unit)?;
         Ok(Rendered { identity, patch, opening_s })
     }
 
-    /// The scene of a unit with its options, read once for many units.
-    fn open(&self, unit: &Unit) -> Result<Arc<Opened>, Failed> {
-        let Unit { scene, entry, spec, .. } = unit;
-        let key = format!("{scene} {entry:?} {}", spec.canonical());
-        let mut ready = lock(&self.ready);
-        if let Some(place) = ready.iter().position(|(own, _)| *own == key) {
-            let found = ready.remove(place);
-            ready.push(found.clone());
-            return Ok(found.1);
-        }
-        drop(ready);
-        let (path, folder) = self.scenes.scene(scene, entry.as_deref()).map_err(|error| match error {
-            NoScene::Now(_) => Failed::GiveBack(error.to_string()),
-            NoScene::Ever(_) => Failed::Unit(error.to_string()),
-        })?;
-        let open_job = self.reader.open(spec, &path, &folder).map_err(Failed::Unit)?;
-        let opened = Arc::new(Opened { open_job, identities: Mutex::default() });
-        let mut ready = lock(&self.ready);
-        if ready.len() >= READY {
-            ready.remove(0);
-        }
-        ready.push((key, Arc::clone(&opened)));
-        Ok(opened)
+    /// The job of a unit, whose scene is read once for many units.
+    fn open(&self, unit: &Unit) -> Result<OpenJob, Failed> {
+        let (path, folder) =
+            self.scenes.scene(&unit.scene, unit.entry.as_deref()).map_err(|error| match error {
+                NoScene::Now(_) => Failed::GiveBack(error.to_string()),
+                NoScene::Ever(_) => Failed::Unit(error.to_string()),
+            })?;
+        self.reader.open(&unit.spec, &path, &folder).map_err(Failed::Unit)
     }
 }

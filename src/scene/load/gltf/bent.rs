@@ -8,6 +8,9 @@ use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
+/// Displacements of a primitive: a small file can name the same zeros as any number of targets.
+const MOST_DISPLACED: usize = 1 << 30;
+
 /// What bends the mesh of a node.
 #[derive(Default)]
 pub(super) struct Bending {
@@ -89,6 +92,13 @@ impl Bending {
         name: &str,
         rest: Vec<[f32; 3]>,
     ) -> Result<Vec<DVec3>, String> {
+        let displaced = self.weights.iter().filter(|weight| **weight != 0.0).count();
+        if displaced.saturating_mul(rest.len()) > MOST_DISPLACED {
+            return Err(format!(
+                "{displaced} morph targets of {} vertices; at most {MOST_DISPLACED} displacements are supported",
+                rest.len()
+            ));
+        }
         let mut sums: Vec<DVec3> =
             rest.into_iter().map(|vector| DVec3::from_array(vector.map(f64::from))).collect();
         for (number, (target, &weight)) in primitive.morph_targets().zip(&self.weights).enumerate() {

@@ -381,7 +381,9 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         let more_uvs = sets as u32 - 1;
         // Primitives that share all their attributes share their vertices.
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
-        let vertices = if counted.insert(attributes) { vertices } else { 0 };
+        let is_bent =
+            primitive.morph_targets().next().is_some() || primitive.get(&Semantic::Joints(0)).is_some();
+        let vertices = if counted.insert(attributes) || is_bent { vertices } else { 0 };
         size += MeshSize { vertices, triangles, normals, uvs, tangents, colours, more_uvs };
     }
     size
