@@ -66,8 +66,8 @@ pub struct WorkerArgs {
     /// Most bytes of these scenes.
     #[arg(long, value_name = "BYTES", default_value = "20G", value_parser = crate::args::bytes)]
     pub cache_size: u64,
-    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G
-    /// [default: 7/16 of the machine's].
+    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G; all
+    /// scenes together take at most twice as much [default: 7/16 of the machine's].
     #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
     pub memory: Option<u64>,
     /// Units that are rendered at the same time. While the last paths of one end, others keep the threads busy.

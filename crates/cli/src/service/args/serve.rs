@@ -43,8 +43,8 @@ pub struct ServeArgs {
     /// A name by which this service may be called, besides localhost and addresses. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub name: Vec<String>,
-    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G
-    /// [default: 7/16 of the machine's].
+    /// Most memory of a scene with its tree, and of the scenes that are kept ready, in bytes or as 500M, 12G; all
+    /// scenes together take at most twice as much [default: 7/16 of the machine's].
     #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
     pub memory: Option<u64>,
     /// Most bytes of an upload.
