@@ -99,6 +99,8 @@ pub struct Workers {
     fruitless: HashMap<String, u32>,
     /// The number of workers that have ever joined.
     joined: u64,
+    /// The number of workers that help, since that was last decided.
+    most: Option<usize>,
 }
 
 impl Known {
@@ -141,7 +143,7 @@ impl Workers {
         let lease_ms = lease.as_millis() as u64;
         let another = self.known.get(key).is_some_and(|known| known.info.session != info.session);
         self.joined += 1;
-        let place = self.joined;
+        let (place, helps) = (self.joined, self.most.is_none_or(|most| self.known.len() < most));
         // One that comes back goes on counting.
         let known = self.known.entry(key.to_owned()).or_insert_with(|| Known {
             info: info.clone(),
@@ -160,7 +162,7 @@ impl Workers {
             complaints: 0,
             gave_back: None,
             place,
-            helps: true,
+            helps,
             scenes: HashSet::new(),
         });
         if another {
@@ -382,6 +384,7 @@ impl Workers {
 
     /// Lets the first so many workers help that were heard of within a time; the others stand by.
     pub fn invite(&mut self, most: usize, within: Duration) {
+        self.most = Some(most);
         let there = self.known.iter().filter(|(key, known)| self.is_there(key, known, within));
         let mut places: Vec<u64> = there.map(|(_, known)| known.place).collect();
         let last =
@@ -535,6 +538,9 @@ mod tests {
         let shown = workers.shown(LONG);
         assert!(shown.iter().all(|worker| worker.state != "standing by"));
         workers.invite(1, LONG);
+        join(&mut workers, "e");
+        assert!(!workers.helps("e"), "who joins later does not help until it is decided anew");
+        workers.leave("e");
         assert_eq!(ShownWorker::counts(&workers.shown(LONG))[2], ("standing by", 1));
     }
 
