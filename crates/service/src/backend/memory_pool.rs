@@ -112,7 +112,7 @@ mod tests {
     use super::*;
     use std::sync::atomic::AtomicU64;
 
-    const GOES_ON: AtomicBool = AtomicBool::new(false);
+    static GOES_ON: AtomicBool = AtomicBool::new(false);
 
     #[test]
     fn no_more_is_taken_than_there_is() {
