@@ -4,8 +4,8 @@ use super::checked::afford;
 use super::{CheckedSpec, Rendering, scene_file};
 use crate::engine::{PreparedScene, Units};
 use crate::memory::MemoryBudget;
-use crate::scene::load::LoadOptions;
-use anyhow::{Context, Result};
+use crate::scene::load::{LoadOptions, load_with};
+use anyhow::{Context, Result, ensure};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -35,10 +35,14 @@ impl Moving {
             return Ok(found.clone());
         }
         let checked: &CheckedSpec = opened.checked();
-        let options = self.options.clone().with_time(seconds);
-        let mut scene = scene_file::read_quietly(checked.scene_file()?, &options)?;
-        scene.environment = opened.prepared().scene.environment.clone();
-        drop(checked.change(&mut scene, &options)?);
+        let path = checked.scene_file()?;
+        ensure!(
+            !scene_file::is_standard_input(path),
+            "a scene that moves is read anew for each frame; name a file"
+        );
+        // Its warnings have been told.
+        let mut scene = load_with(path, &self.options.clone().with_time(seconds))?;
+        drop(checked.change_materials(&mut scene)?);
         scene.environment = opened.prepared().scene.environment.clone();
         let bytes = PreparedScene::building_bytes(&scene);
         afford(&self.memory, format!("the scene of frame {frame} and its tree"), bytes)?;

@@ -14,7 +14,7 @@ const STANDARD_INPUT: &str = "-";
 /// # Errors
 /// What is wrong with the scene.
 pub fn read(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
-    let loaded = if path == Path::new(STANDARD_INPUT) {
+    let loaded = if is_standard_input(path) {
         load_from(std::io::stdin().lock(), "standard input".as_ref(), options)
     } else {
         load_with(path, options)
@@ -27,12 +27,9 @@ pub fn read(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     loaded
 }
 
-/// Reads a scene that has been read before, at another time: its warnings have been told.
-///
-/// # Errors
-/// What is wrong with the scene.
-pub(super) fn read_quietly(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
-    load_with(path, options)
+/// True if a path stands for standard input.
+pub(super) fn is_standard_input(path: &Path) -> bool {
+    path == Path::new(STANDARD_INPUT)
 }
 
 /// Tells the log what a loader warns of.

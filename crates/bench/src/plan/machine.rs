@@ -69,9 +69,7 @@ impl Machine {
             units: Vec::new(),
         }
     }
-}
 
-impl Machine {
     /// True if it has joined and has not failed.
     pub fn is_there(&self) -> bool {
         self.is_there

@@ -1,3 +1,4 @@
+use super::gltf::{self, Array};
 use super::{folder, json, raystream, run, shipped};
 use serde_json::json;
 use std::path::Path;
@@ -123,34 +124,22 @@ fn frames_that_are_done_are_not_done_again() {
 
 /// A matte square seen by a camera whose parent moves by two to the right in two seconds.
 fn animated_square() -> String {
-    let floats: [&[f32]; 3] = [
-        &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, 1.0, 0.0],
-        &[0.0, 2.0],
-        &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0],
+    let square =
+        [-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, 1.0, 0.0];
+    let arrays = [
+        Array::floats("VEC3", &square),
+        Array::floats("SCALAR", &[0.0, 2.0]),
+        Array::floats("VEC3", &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0]),
     ];
-    let bytes: Vec<u8> = floats.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
-    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
-    json!({
-        "asset": { "version": "2.0" },
-        "buffers": [{ "byteLength": bytes.len(), "uri": format!("data:application/octet-stream,{data}") }],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": 72 },
-            { "buffer": 0, "byteOffset": 72, "byteLength": 8 },
-            { "buffer": 0, "byteOffset": 80, "byteLength": 24 }
-        ],
-        "accessors": [
-            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 6 },
-            { "bufferView": 1, "componentType": 5126, "type": "SCALAR", "count": 2 },
-            { "bufferView": 2, "componentType": 5126, "type": "VEC3", "count": 2 }
-        ],
+    let rest = json!({
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
         "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.1 } }],
         "nodes": [{ "mesh": 0 }, { "children": [2] }, { "camera": 0, "translation": [0, 0, 4] }],
         "scenes": [{ "nodes": [0, 1] }],
         "animations": [{ "samplers": [{ "input": 1, "output": 2 }],
             "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }] }]
-    })
-    .to_string()
+    });
+    gltf::file(&arrays, rest)
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod cameras;
 mod compare;
 mod farm;
 mod frames;
+mod gltf;
 mod hostile;
 mod layers;
 mod look;

@@ -1,5 +1,6 @@
 //! Frames of a scene that moves.
 
+use super::gltf::{self, Array};
 use super::{folder, json, raystream, run};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -9,35 +10,16 @@ use std::path::Path;
 fn fan() -> String {
     let turn = std::f32::consts::FRAC_1_SQRT_2;
     let blade = [0.1, -0.2, 0.0, 1.0, -0.3, 0.0, 1.0, 0.3, 0.0];
-    let floats: [&[f32]; 6] = [
-        &blade,
-        &[-3.0, -3.0, -1.0, 3.0, -3.0, -1.0, 0.0, 4.0, -1.0],
-        &[0.0, 2.0],
-        &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, turn, turn],
-        &[0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
-        &[1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+    let arrays = [
+        Array::floats("VEC3", &blade),
+        Array::floats("VEC3", &[-3.0, -3.0, -1.0, 3.0, -3.0, -1.0, 0.0, 4.0, -1.0]),
+        Array::floats("SCALAR", &[0.0, 2.0]),
+        Array::floats("VEC4", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, turn, turn]),
+        Array::floats("VEC3", &[0.0, 0.0, 0.0, 0.0, 0.0, 0.5]),
+        Array::floats("VEC4", &[1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]),
+        Array { kind: "VEC4", component: 5121, bytes: [0, 1, 0, 0].repeat(3) },
     ];
-    let mut bytes = Vec::new();
-    let mut views = Vec::new();
-    for numbers in floats {
-        views.push(json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": 4 * numbers.len() }));
-        bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
-    }
-    views.push(json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": 12 }));
-    bytes.extend([0, 1, 0, 0].repeat(3));
-    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
-    let accessor = |view: usize, kind: &str, count: usize| {
-        let component = if view == 6 { 5121 } else { 5126 };
-        json!({ "bufferView": view, "componentType": component, "type": kind, "count": count })
-    };
-    json!({
-        "asset": { "version": "2.0" },
-        "buffers": [{ "byteLength": bytes.len(), "uri": format!("data:application/octet-stream,{data}") }],
-        "bufferViews": views,
-        "accessors": [
-            accessor(0, "VEC3", 3), accessor(1, "VEC3", 3), accessor(2, "SCALAR", 2), accessor(3, "VEC4", 2),
-            accessor(4, "VEC3", 2), accessor(5, "VEC4", 3), accessor(6, "VEC4", 3)
-        ],
+    let rest = json!({
         "meshes": [
             { "primitives": [{ "attributes": { "POSITION": 0 } }] },
             { "primitives": [{ "attributes": { "POSITION": 1 } }] },
@@ -52,8 +34,8 @@ fn fan() -> String {
         "animations": [{ "name": "turn", "samplers": [{ "input": 2, "output": 3 }, { "input": 2, "output": 4 }],
             "channels": [{ "sampler": 0, "target": { "node": 0, "path": "rotation" } },
                 { "sampler": 1, "target": { "node": 4, "path": "translation" } }] }]
-    })
-    .to_string()
+    });
+    gltf::file(&arrays, rest)
 }
 
 const CAMERA: [&str; 4] = ["--eye", "0.5,0.3,4", "--target", "0,0,0"];
@@ -161,6 +143,18 @@ fn a_scene_at_rest_has_no_frames_of_its_own() {
     assert!(told.contains("no animation") && told.contains("--turntable"), "{told}");
     let told = run(folder, &["render", "fan.gltf", "--animation", "run"], 2);
     assert!(told.contains("no animation \"run\""), "{told}");
+    std::fs::write(folder.join("moving.gltf"), fan()).expect("a scene");
+    let piped = std::process::Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .current_dir(folder)
+        .args(["render", "-", "--frames", "0..2", "--size", "9x9", "--spp", "1", "-o", "%d.png"])
+        .stdin(std::fs::File::open(folder.join("moving.gltf")).expect("a file"))
+        .output()
+        .expect("it starts");
+    let told = String::from_utf8_lossy(&piped.stderr).into_owned();
+    assert!(
+        piped.status.code() == Some(2) && told.contains("read anew for each frame; name a file"),
+        "{told}"
+    );
     let told = run(folder, &["render", "fan.gltf", "--time", "soon"], 2);
     assert!(told.contains("finite number of seconds"), "{told}");
 }

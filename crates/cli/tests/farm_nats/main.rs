@@ -7,6 +7,8 @@ mod attacks;
 mod chaos;
 mod damage;
 mod faults;
+#[path = "../cli/gltf.rs"]
+mod gltf;
 mod hostile;
 mod links;
 mod live;

@@ -1,6 +1,7 @@
 //! One description, five ways: an options file, a program in Rust, a job over HTTP, a unit on a worker, and what the
 //! command line prints, posted. All give one hash.
 
+use crate::gltf::{self, Array};
 use crate::{Nats, Worker, coordinator, folder, shipped};
 use raystream::engine::Units;
 use raystream::picture::{RenderSpec, open};
@@ -46,29 +47,18 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
 
 /// A triangle that falls for a second.
 fn falling_triangle() -> String {
-    let floats: [&[f32]; 3] =
-        [&[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 1.0], &[0.0, 1.0, 0.0, 0.5, -1.0, 0.0]];
-    let bytes: Vec<u8> = floats.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
-    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
-    json!({
-        "asset": { "version": "2.0" },
-        "buffers": [{ "byteLength": bytes.len(), "uri": format!("data:application/octet-stream,{data}") }],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": 36 },
-            { "buffer": 0, "byteOffset": 36, "byteLength": 8 },
-            { "buffer": 0, "byteOffset": 44, "byteLength": 24 }
-        ],
-        "accessors": [
-            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3 },
-            { "bufferView": 1, "componentType": 5126, "type": "SCALAR", "count": 2 },
-            { "bufferView": 2, "componentType": 5126, "type": "VEC3", "count": 2 }
-        ],
+    let arrays = [
+        Array::floats("VEC3", &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0]),
+        Array::floats("SCALAR", &[0.0, 1.0]),
+        Array::floats("VEC3", &[0.0, 1.0, 0.0, 0.5, -1.0, 0.0]),
+    ];
+    let rest = json!({
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
         "nodes": [{ "mesh": 0 }],
         "animations": [{ "samplers": [{ "input": 1, "output": 2 }],
             "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }] }]
-    })
-    .to_string()
+    });
+    gltf::file(&arrays, rest)
 }
 
 fn zip(folder: &Path, names: &[&str]) -> Vec<u8> {

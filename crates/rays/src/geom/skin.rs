@@ -21,6 +21,13 @@ struct Affine {
     translation: DVec3,
 }
 
+impl Affine {
+    #[inline]
+    fn new(matrix: &DMat4) -> Self {
+        Self { linear: DMat3::from_mat4(*matrix), translation: matrix.w_axis.truncate() }
+    }
+}
+
 /// An error of the influences of a skin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -81,11 +88,7 @@ impl Skin {
                 own[0] = (joint, 1.0);
             }
         }
-        let affine = |matrix: &DMat4| Affine {
-            linear: DMat3::from_mat4(*matrix),
-            translation: matrix.w_axis.truncate(),
-        };
-        Ok(Self { joints: joints.iter().map(affine).collect(), influences, per_vertex })
+        Ok(Self { joints: joints.iter().map(Affine::new).collect(), influences, per_vertex })
     }
 
     /// The number of vertices.
@@ -106,42 +109,64 @@ impl Skin {
                 sum.translation += joint.translation * weight;
             }
         }
-        Bend(sum)
+        Bend::of(sum)
     }
 }
 
-/// The map of one vertex of a skin.
+/// An affine map of positions, normals and tangents: of one vertex of a skin, or of a whole mesh.
 #[derive(Clone, Copy, Debug)]
-pub struct Bend(Affine);
+pub struct Bend {
+    map: Affine,
+    /// Inverse transpose of the linear part, up to a positive factor.
+    normals: DMat3,
+    mirrors: bool,
+}
 
 impl Bend {
-    /// Where a position is moved to.
+    /// The map of a matrix, whose last row is 0 0 0 1.
+    #[inline]
+    pub fn new(matrix: &DMat4) -> Self {
+        Self::of(Affine::new(matrix))
+    }
+
+    #[inline]
+    fn of(map: Affine) -> Self {
+        let DMat3 { x_axis, y_axis, z_axis } = map.linear;
+        let mirrors = x_axis.cross(y_axis).dot(z_axis) < 0.0;
+        let sign = if mirrors { -1.0 } else { 1.0 };
+        // The cofactors, which are defined even if the matrix has no inverse.
+        let cofactors = DMat3::from_cols(y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis));
+        Self { map, normals: cofactors * sign, mirrors }
+    }
+
+    /// A moved position.
+    #[inline]
     pub fn position(&self, position: DVec3) -> Vec3 {
-        (self.0.linear * position + self.0.translation).as_vec3()
+        (self.map.linear * position + self.map.translation).as_vec3()
     }
 
     /// The unit normal; zero if it has no direction.
+    #[inline]
     pub fn normal(&self, normal: DVec3) -> Vec3 {
-        let DMat3 { x_axis, y_axis, z_axis } = self.0.linear;
-        // The cofactors, which are defined even if the matrix has no inverse.
-        let cofactors = DMat3::from_cols(y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis));
-        let sign = if self.mirrors() { -1.0 } else { 1.0 };
-        unit(cofactors * normal * sign)
+        unit(self.normals * normal)
     }
 
     /// The tangent, whose last number is the sign of the bitangent; zero if it has no direction.
+    #[inline]
     pub fn tangent(&self, tangent: DVec3, sign: f32) -> Vec4 {
-        let moved = unit(self.0.linear * tangent);
-        let sign = if self.mirrors() { -sign } else { sign };
+        let moved = unit(self.map.linear * tangent);
+        let sign = if self.mirrors { -sign } else { sign };
         if moved == Vec3::ZERO { Vec4::ZERO } else { moved.extend(sign) }
     }
 
     /// True if it turns the orientation of a triangle round.
+    #[inline]
     pub fn mirrors(&self) -> bool {
-        self.0.linear.determinant() < 0.0
+        self.mirrors
     }
 }
 
+#[inline]
 fn unit(direction: DVec3) -> Vec3 {
     direction.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()
 }

@@ -2,8 +2,8 @@
 
 use super::Runner;
 use super::lending::Holder;
-use super::measured::{AskKind, ThreadClock};
 use super::planner::is_active;
+use super::thread_clock::ThreadClock;
 use crate::contract::{
     Answer, Ask, Coordinator, FilePart, FinishedUnit, Held, MOST_SLOTS, Report, ReportReply, ResultReply,
     SceneFile, UnitId,
@@ -30,12 +30,10 @@ impl Coordinator for RunnerHandle {
                 _ => Answer::Noted,
             };
         };
-        let measured = AskKind::of(&ask).map(|kind| (kind, ThreadClock::start()));
+        let clock = ThreadClock::start();
         let answer = runner.answer(key, ask);
-        if let Some((kind, clock)) = measured.filter(|(kind, _)| kind.is_counted(&answer)) {
-            let seconds = clock.seconds();
-            runner.state().measured.answered(kind, seconds);
-        }
+        let seconds = clock.seconds();
+        runner.state().measured.answered(&answer, seconds);
         answer
     }
 

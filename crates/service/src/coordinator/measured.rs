@@ -2,7 +2,7 @@
 //! ([`decisions::most_workers`]).
 
 use super::decisions::{self, Fetch, Load};
-use crate::contract::{Answer, Ask, REPORT};
+use crate::contract::{Answer, Granted, REPORT, ResultReply};
 use std::time::{Duration, Instant};
 
 /// Units that are measured before their costs are believed.
@@ -51,39 +51,14 @@ struct Link {
     last: Option<Instant>,
 }
 
-/// A clock of the time for which the calling thread has had a processor. Where there is none, of time.
-#[derive(Debug)]
-pub(super) struct ThreadClock(#[cfg(target_os = "linux")] Duration, #[cfg(not(target_os = "linux"))] Instant);
-
-impl ThreadClock {
-    #[cfg(target_os = "linux")]
-    fn now() -> Duration {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(time.tv_sec.unsigned_abs(), u32::try_from(time.tv_nsec).unwrap_or(0))
-    }
-
-    pub fn start() -> Self {
-        #[cfg(target_os = "linux")]
-        return Self(Self::now());
-        #[cfg(not(target_os = "linux"))]
-        return Self(Instant::now());
-    }
-
-    pub fn seconds(&self) -> f64 {
-        #[cfg(target_os = "linux")]
-        return Self::now().saturating_sub(self.0).as_secs_f64();
-        #[cfg(not(target_os = "linux"))]
-        return self.0.elapsed().as_secs_f64();
-    }
-}
-
 impl Measured {
-    /// Takes note of the time of a thread that an answer took.
-    pub fn answered(&mut self, ask: AskKind, seconds: f64) {
-        match ask {
-            AskKind::Report => self.report_s.add(seconds),
-            AskKind::Lease => self.question_s.add(seconds),
-            AskKind::Result => self.result_s.add(seconds),
+    /// Takes note of the time of a thread that an answer took, if it is one that each report or each unit gets.
+    pub fn answered(&mut self, answer: &Answer, seconds: f64) {
+        match answer {
+            Answer::Reported(_) => self.report_s.add(seconds),
+            Answer::Granted(Granted::Unit(_)) => self.question_s.add(seconds),
+            Answer::Result(ResultReply::Kept) => self.result_s.add(seconds),
+            _ => {}
         }
     }
 
@@ -133,47 +108,18 @@ impl Measured {
     }
 }
 
-/// A question whose cost is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum AskKind {
-    Report,
-    Lease,
-    Result,
-}
-
-impl AskKind {
-    /// The kind of a question and its answer, if its cost is measured. Questions for units that get none are not.
-    pub fn of(ask: &Ask) -> Option<Self> {
-        match ask {
-            Ask::Report(_) => Some(Self::Report),
-            Ask::Lease(_) => Some(Self::Lease),
-            Ask::Result(_) => Some(Self::Result),
-            _ => None,
-        }
-    }
-
-    /// True if an answer is one that each unit gets.
-    pub fn is_counted(self, answer: &Answer) -> bool {
-        use crate::contract::{Granted, ResultReply};
-        match self {
-            Self::Report => true,
-            Self::Lease => matches!(answer, Answer::Granted(Granted::Unit(_))),
-            Self::Result => matches!(answer, Answer::Result(ResultReply::Kept)),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contract::ReportReply;
 
     #[test]
-    fn few_units_say_nothing_and_dear_ones_need_few_workers() {
+    fn few_units_say_nothing_and_costly_ones_need_few_workers() {
         let mut measured = Measured::default();
-        measured.answered(AskKind::Report, 1e-4);
+        measured.answered(&Answer::Reported(ReportReply::default()), 1e-4);
         for count in 0..100_u64 {
-            measured.answered(AskKind::Lease, 1e-4);
-            measured.answered(AskKind::Result, 19.9e-3);
+            measured.answered(&Answer::Result(ResultReply::Kept), 20e-3);
+            measured.answered(&Answer::Result(ResultReply::Later), 5.0);
             let most = measured.most_workers(2.0, 2.0, 4);
             assert_eq!(most, if count < BELIEVED { decisions::FIRST_WORKERS } else { 50 });
             measured.kept(1e-4, 1.0);

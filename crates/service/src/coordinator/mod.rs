@@ -29,6 +29,7 @@ mod retention;
 mod secret;
 pub mod store;
 mod task;
+mod thread_clock;
 mod trouble;
 mod verdicts;
 mod workers;

@@ -63,6 +63,10 @@ impl Runner {
 
     /// Takes note of jobs. Those that are not active any more are forgotten; workers stop their units when they report.
     fn note_jobs(&self, jobs: &[Job]) {
+        // The ledger is read before the state is locked.
+        let is_new = |job: &&Job| !self.state().runs.contains_key(&job.id);
+        let begun: HashMap<&str, (f64, u64)> =
+            jobs.iter().filter(is_new).map(|job| (&*job.id, self.begun(job))).collect();
         let state = &mut *self.state();
         let active: HashSet<&str> = jobs.iter().map(|job| &*job.id).collect();
         state.runs.retain(|id, run| {
@@ -78,9 +82,8 @@ impl Runner {
             let run = state.runs.entry(job.id.clone()).or_insert_with(|| Run {
                 job: job.clone(),
                 given: entry,
-                kept: self.ledger.totals(&job.id).map_or(0.0, |totals| totals.share)
-                    * job.demand.samples() as f64,
-                scene_bytes: self.ledger.scene(&job.scene).ok().flatten().unwrap_or(0),
+                kept: begun.get(&*job.id).map_or(0.0, |begun| begun.0),
+                scene_bytes: begun.get(&*job.id).map_or(0, |begun| begun.1),
                 speed: Default::default(),
                 frames: BTreeMap::new(),
                 has_more: false,
@@ -98,6 +101,13 @@ impl Runner {
         let is_open = |id: &UnitId| open.contains(&(id.job.clone(), id.frame, id.round));
         state.comparisons.retain(|comparison| is_open(&comparison.id));
         state.forget(is_open);
+    }
+
+    /// The samples that the ledger knows of a job, and the bytes of its scene.
+    fn begun(&self, job: &Job) -> (f64, u64) {
+        let share = self.ledger.totals(&job.id).map_or(0.0, |totals| totals.share);
+        let bytes = self.ledger.scene(&job.scene).ok().flatten().unwrap_or(0);
+        (share * job.demand.samples() as f64, bytes)
     }
 
     /// Gives the threads what is to be done for a job besides units.

@@ -20,7 +20,7 @@ pub(super) struct Bending {
     pub(super) joints: Option<Vec<DMat4>>,
 }
 
-/// Vertices of a bent primitive, in the world.
+/// Vertices of a primitive, in the world.
 pub(super) struct Bent {
     pub(super) positions: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
@@ -47,7 +47,8 @@ impl Bending {
         targets.chain(joints.chain(weights).map(|accessor| Some(accessor.index()))).collect()
     }
 
-    /// Bends a primitive. `None` if nothing bends it.
+    /// The vertices of a primitive in the world: displaced by morph targets, then moved by joints or placed by the
+    /// node's transform.
     ///
     /// # Errors
     /// When targets, joints or weights do not fit its vertices.
@@ -57,10 +58,7 @@ impl Bending {
         primitive: &Primitive,
         attributes: &Attributes,
         transform: &NodeTransform,
-    ) -> Result<Option<Bent>, String> {
-        if self.is_none(primitive) {
-            return Ok(None);
-        }
+    ) -> Result<Bent, String> {
         let directions = |accessor: &Option<Accessor>, name| {
             accessor.as_ref().map_or(Ok(Vec::new()), |accessor| read_attribute::<3>(context, name, accessor))
         };
@@ -78,10 +76,10 @@ impl Bending {
             Some(joints) => skin(context, primitive, joints, positions.len())?,
             None => None,
         };
-        Ok(Some(match skin {
+        Ok(match skin {
             Some(skin) => skinned(&skin, &positions, &normals, &tangents, &signs),
             None => placed(transform, &positions, &normals, &tangents, &signs),
-        }))
+        })
     }
 
     /// Adds the displacements of the morph targets, each as often as its weight says.
@@ -167,20 +165,25 @@ fn skin(
 
 /// The vertices as joints move them. The node's own place does not matter.
 fn skinned(skin: &Skin, positions: &[DVec3], normals: &[DVec3], tangents: &[DVec3], signs: &[f32]) -> Bent {
-    let bends = |vertex: usize| skin.bend(vertex);
-    let mirrored = (0..positions.len()).into_par_iter().filter(|vertex| bends(*vertex).mirrors()).count();
-    let all = positions.par_iter().enumerate();
-    let moved = all.map(|(vertex, position)| bends(vertex).position(*position)).collect();
-    let turned = normals.par_iter().enumerate();
-    let turned = turned.map(|(vertex, normal)| bends(vertex).normal(*normal)).collect();
-    let along = tangents.par_iter().zip(signs).enumerate();
-    let along = along.map(|(vertex, (tangent, sign))| bends(vertex).tangent(*tangent, *sign)).collect();
-    Bent { positions: moved, normals: turned, tangents: along, mirrors: 2 * mirrored > positions.len() }
+    let vertex = |vertex: usize| {
+        let bend = skin.bend(vertex);
+        let normal = normals.get(vertex).map(|normal| bend.normal(*normal));
+        let tangent = tangents.get(vertex).map(|tangent| bend.tangent(*tangent, signs[vertex]));
+        (bend.position(positions[vertex]), normal, tangent, bend.mirrors())
+    };
+    let bent: Vec<_> = (0..positions.len()).into_par_iter().map(vertex).collect();
+    let mirrored = bent.iter().filter(|(.., mirrors)| *mirrors).count();
+    Bent {
+        positions: bent.iter().map(|(position, ..)| *position).collect(),
+        normals: bent.iter().filter_map(|(_, normal, ..)| *normal).collect(),
+        tangents: bent.iter().filter_map(|(_, _, tangent, _)| *tangent).collect(),
+        mirrors: 2 * mirrored > positions.len(),
+    }
 }
 
 /// The vertices as the node's transform places them.
 fn placed(
-    transform: &NodeTransform,
+    NodeTransform { placement, directions }: &NodeTransform,
     positions: &[DVec3],
     normals: &[DVec3],
     tangents: &[DVec3],
@@ -188,9 +191,9 @@ fn placed(
 ) -> Bent {
     let tangents = tangents.iter().zip(signs);
     Bent {
-        positions: positions.iter().map(|position| transform.position(position.as_vec3())).collect(),
-        normals: normals.iter().map(|normal| transform.normal(*normal)).collect(),
-        tangents: tangents.map(|(tangent, sign)| transform.tangent(*tangent, *sign)).collect(),
-        mirrors: transform.mirrors,
+        positions: positions.iter().map(|position| placement.point(position.as_vec3())).collect(),
+        normals: normals.iter().map(|normal| directions.normal(*normal)).collect(),
+        tangents: tangents.map(|(tangent, sign)| directions.tangent(*tangent, *sign)).collect(),
+        mirrors: directions.mirrors(),
     }
 }

@@ -9,12 +9,12 @@ use super::buffers::Buffers;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
 use super::variant::MaterialsByPrimitive;
-use crate::geom::Placement;
+use crate::geom::{Bend, Placement};
 use crate::lanes::each;
 use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, MeshError, MeshSize, Shape, TriangleMesh};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
-use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
+use glam::{DMat4, Vec2, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The materials of a document, and which primitive has which.
@@ -58,41 +58,15 @@ type Bases = BTreeMap<Vec<Option<usize>>, (u32, bool)>;
 
 /// The transform of a node.
 pub(super) struct NodeTransform {
-    matrix: DMat4,
-    /// The same transform for positions, with the operations that instances use.
-    placement: Placement,
-    /// Inverse transpose of the linear part, up to a positive factor.
-    normals: DMat3,
-    /// True if the transform mirrors, which reverses the orientation of triangles.
-    pub(super) mirrors: bool,
+    /// For positions, with the operations that instances use.
+    pub(super) placement: Placement,
+    /// For normals and tangents.
+    pub(super) directions: Bend,
 }
 
 impl NodeTransform {
     fn new(matrix: &DMat4) -> Self {
-        let linear = DMat3::from_mat4(*matrix);
-        let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
-        let mirrors = x.cross(y).dot(z) < 0.0;
-        let sign = if mirrors { -1.0 } else { 1.0 };
-        // The cofactors, which are defined even if the matrix has no inverse.
-        let normals = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
-        Self { matrix: *matrix, placement: Placement::new(matrix), normals, mirrors }
-    }
-
-    /// A position in the world.
-    pub(super) fn position(&self, position: Vec3) -> Vec3 {
-        self.placement.point(position)
-    }
-
-    /// A unit normal in the world; zero if it has no direction.
-    pub(super) fn normal(&self, normal: DVec3) -> Vec3 {
-        unit(self.normals * normal)
-    }
-
-    /// A tangent in the world, with the sign of the bitangent; zero if it has no direction.
-    pub(super) fn tangent(&self, tangent: DVec3, sign: f32) -> Vec4 {
-        let moved = unit(self.matrix.transform_vector3(tangent));
-        let sign = if self.mirrors { -sign } else { sign };
-        if moved == Vec3::ZERO { Vec4::ZERO } else { moved.extend(sign) }
+        Self { placement: Placement::new(matrix), directions: Bend::new(matrix) }
     }
 }
 
@@ -201,8 +175,8 @@ impl<'a> Flattened<'a> {
             None => {
                 let name = || place(mesh, primitive);
                 let bent = bending.bend(context, primitive, &attributes, transform)?;
-                let mirrors = bent.as_ref().map_or(transform.mirrors, |bent| bent.mirrors);
-                let first = self.vertices(context, name, &attributes, transform, bent)?;
+                let mirrors = bent.mirrors;
+                let first = self.vertices(context, name, &attributes, bent)?;
                 *bases.entry(key).or_insert((first, mirrors))
             }
         };
@@ -232,7 +206,7 @@ impl<'a> Flattened<'a> {
         // Instances share all triangles of their shape, and none is bent.
         if self.mesh.triangles.len() == first + triangles.len() && bending.is_none(primitive) {
             let instance = Instance { placement: transform.placement, first: first as u32 };
-            self.instances.add(primitive, transform.mirrors, masked, instance);
+            self.instances.add(primitive, mirrors, masked, instance);
         }
         Ok(())
     }
@@ -286,14 +260,9 @@ impl<'a> Flattened<'a> {
         context: &mut Context,
         place: impl Fn() -> String,
         attributes: &Attributes,
-        transform: &NodeTransform,
-        bent: Option<Bent>,
+        Bent { positions, normals, tangents, .. }: Bent,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
-        let Bent { positions, normals, tangents, .. } = match bent {
-            Some(bent) => bent,
-            None => unbent(context, attributes, transform)?,
-        };
         if u32::try_from(base + positions.len()).is_err() {
             return Err(format!(
                 "the scene has more than {} vertices, the most that are supported",
@@ -330,28 +299,6 @@ impl<'a> Flattened<'a> {
         }
         Ok(base as u32)
     }
-}
-
-/// The vertices of a primitive in the world, where a node's transform places them.
-fn unbent(context: &Context, attributes: &Attributes, transform: &NodeTransform) -> Result<Bent, String> {
-    let positions = read_attribute::<3>(context, "POSITION", &attributes.positions)?;
-    let normals = match &attributes.normals {
-        Some(accessor) => read_attribute::<3>(context, "NORMAL", accessor)?,
-        None => Vec::new(),
-    };
-    let tangents = match &attributes.tangents {
-        Some(accessor) => read_attribute::<4>(context, "TANGENT", accessor)?,
-        None => Vec::new(),
-    };
-    let normal = |normal: [f32; 3]| transform.normal(DVec3::from_array(normal.map(f64::from)));
-    let tangent =
-        |[x, y, z, w]: [f32; 4]| transform.tangent(Vec3::new(x, y, z).as_dvec3(), 1.0_f32.copysign(w));
-    Ok(Bent {
-        positions: positions.into_iter().map(|position| transform.position(Vec3::from(position))).collect(),
-        normals: normals.into_iter().map(normal).collect(),
-        tangents: tangents.into_iter().map(tangent).collect(),
-        mirrors: transform.mirrors,
-    })
 }
 
 /// The name of a primitive in messages.
@@ -417,11 +364,6 @@ pub(super) fn indices(context: &Context, primitive: &Primitive, count: usize) ->
         Some((place, index)) => Err(format!("index {place} names vertex {index}, but there are {count}")),
         None => Ok(indices),
     }
-}
-
-/// The unit vector, or zero if the length is zero or not finite.
-fn unit(v: DVec3) -> Vec3 {
-    v.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()
 }
 
 /// Appends zeros for vertices that lack the attribute.
