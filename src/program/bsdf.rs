@@ -7,7 +7,7 @@ use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
 use super::operation::CHUNK;
 use super::parameter::Parameter;
-use super::source::ShaderError;
+use super::source::{ShaderError, SourceText};
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
@@ -68,7 +68,7 @@ pub(super) const FUNCTIONS: [&str; 2] = [EVALUATE.name, SAMPLE.name];
 ///
 /// With `const transmits = true;` light also comes from below, from directions with `wi.z < 0`.
 pub struct BsdfShader {
-    file: String,
+    text: Arc<SourceText>,
     hash: u64,
     loaded: Loaded,
     evaluate: Prepared,
@@ -119,14 +119,14 @@ impl BsdfShader {
         text: &str,
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
     ) -> Result<Self, ShaderError> {
-        Self::of(file, Loaded::new(file, text, values, true)?)
+        Self::of(Loaded::new(file, text, values, true)?)
     }
 
-    pub(super) fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
+    pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
         let evaluate = Prepared::of(&loaded, &EVALUATE)?;
         let sample = Prepared::of(&loaded, &SAMPLE)?;
         Ok(Self {
-            file: file.into(),
+            text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
             transmits: loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0),
             loaded,
@@ -137,7 +137,7 @@ impl BsdfShader {
 
     /// The file's name.
     pub fn file(&self) -> &str {
-        &self.file
+        self.text.file()
     }
 
     /// The parameters, in the order of the file.
@@ -153,7 +153,7 @@ impl BsdfShader {
     #[cfg(feature = "gpu")]
     pub(super) fn program(&self) -> Result<Program, ShaderError> {
         let code = self.loaded.fork(&PREPARE, [&EVALUATE, &SAMPLE])?;
-        Ok(Program { file: self.file.clone(), code: Arc::new(code) })
+        Ok(Program { text: Arc::clone(&self.text), code: Arc::new(code) })
     }
 
     /// Number of operations of `evaluate` and of `sample`, each with `prepare`; loops counted once.
@@ -178,7 +178,7 @@ impl BsdfShader {
         for &(argument, register) in registers_of {
             columns.set_chunk(register, arguments[argument]);
         }
-        kernel.run_vector(l, &self.file, &columns);
+        kernel.run_vector(l, &self.text, &columns);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
             *result = columns.int(l, register, 0).to_num_bits();

@@ -16,16 +16,17 @@ pub(super) enum Instruction {
     Compute { operation: Operation, operands: [Register; 3], to: Register },
     /// Calls a native function at all points: operands and results are ranges of [`Code::lists`].
     Call { native: Native, operands: Range<u32>, results: Range<u32> },
-    /// Asks the caller for something at the points of a mask: results mean nothing at others. `line` is that of the
-    /// call.
-    Host { function: HostFunction, mask: Register, operands: Range<u32>, results: Range<u32>, line: u32 },
+    /// Asks the caller for something at the points of a mask: results mean nothing at others. `place` is the call's
+    /// first byte in the text that was parsed.
+    Host { function: HostFunction, mask: Register, operands: Range<u32>, results: Range<u32>, place: u32 },
     /// Copies from the register of `lists[columns]` that the index names at each point, the last one for greater
     /// indices.
     Element { columns: Range<u32>, index: Register, to: Register },
     /// Continues at another instruction unless the mask has a point.
     Skip { mask: Register, to: u32 },
-    /// Continues at another instruction, before this one, if the mask has a point. `line` is that of the loop.
-    Repeat { mask: Register, to: u32, line: u32 },
+    /// Continues at another instruction, before this one, if the mask has a point. `place` is the loop's first
+    /// byte in the text that was parsed.
+    Repeat { mask: Register, to: u32, place: u32 },
 }
 
 /// A program as instructions.
@@ -117,8 +118,8 @@ impl Code {
             .filter_map(|(instruction, gone)| (!gone).then_some(instruction))
             .map(|instruction| match instruction {
                 Instruction::Skip { mask, to } => Instruction::Skip { mask, to: moved[to as usize] },
-                Instruction::Repeat { mask, to, line } => {
-                    Instruction::Repeat { mask, to: moved[to as usize], line }
+                Instruction::Repeat { mask, to, place } => {
+                    Instruction::Repeat { mask, to: moved[to as usize], place }
                 }
                 other => other,
             })

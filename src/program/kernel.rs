@@ -3,9 +3,10 @@
 use super::code::Code;
 use super::operation::CHUNK;
 use super::run::{Columns, run_alone, run_alone_in};
-use super::source::{Fault, Source};
+use super::source::{Fault, ShaderError, Source, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
 use crate::scene::{FieldType, POINT_FIELDS, PointSink};
+use crate::stream::stop_job;
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -52,24 +53,18 @@ impl Kernel {
         });
     }
 
-    /// Runs the function at the first points, with this many lanes.
-    ///
-    /// # Panics
-    /// When a loop takes too many turns.
-    pub fn run(&self, lanes: usize, file: &str, columns: &Columns, points: usize) {
+    /// Runs the function at the first points, with this many lanes. Stops the job when a loop takes too many turns.
+    pub fn run(&self, lanes: usize, text: &SourceText, columns: &Columns, points: usize) {
         if let Err(endless) = run_alone(SimdLevel::of_lanes(lanes), &self.code, columns, points) {
-            endless_loop(file, endless.line);
+            stop(text.endless_loop(endless));
         }
     }
 
-    /// Runs the function at the points of one vector.
-    ///
-    /// # Panics
-    /// When a loop takes too many turns.
+    /// Runs the function at the points of one vector. Stops the job when a loop takes too many turns.
     #[inline(always)]
-    pub fn run_vector<L: Lanes>(&self, l: L, file: &str, columns: &Columns) {
+    pub fn run_vector<L: Lanes>(&self, l: L, text: &SourceText, columns: &Columns) {
         if let Err(endless) = run_alone_in(l, &self.code, columns, L::LANES) {
-            endless_loop(file, endless.line);
+            stop(text.endless_loop(endless));
         }
     }
 
@@ -101,9 +96,10 @@ impl PointInputs {
     }
 }
 
+/// Ends the job that runs a shader with an error.
 #[cold]
-pub(super) fn endless_loop(file: &str, line: u32) -> ! {
-    panic!("{file}:{line}: this loop takes too many turns; does it end at every point?");
+pub(super) fn stop(error: ShaderError) -> ! {
+    stop_job(error.to_string())
 }
 
 /// Inputs of a function's argument of type `Point`.

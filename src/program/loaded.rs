@@ -9,6 +9,7 @@ use super::lower::{Input, Output, lower, lower_chain};
 use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
+use super::token::{Declaration, declarations, tokens};
 use naga::{Expression, Literal, Span};
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
@@ -105,9 +106,9 @@ impl Loaded {
     }
 
     fn input(&self) -> Input<'_> {
-        let Source { module, info, text, .. } = &self.source;
+        let Source { module, info, text } = &self.source;
         let (overrides, natives) = (&self.overrides, self.natives);
-        Input { module, info, overrides, natives, source: text, host: None }
+        Input { module, info, overrides, natives, text, host: None }
     }
 
     /// True if the file has a function of this name.
@@ -121,14 +122,19 @@ impl Loaded {
 
     /// Hash of the source, the prelude and the parameters.
     pub fn hash(&self) -> u64 {
-        xxh3_64(format!("{}\0{:?}", self.source.text, self.overrides).as_bytes())
+        xxh3_64(format!("{}\0{:?}", self.source.text.parsed(), self.overrides).as_bytes())
     }
 
     /// A number or a truth value (1 or 0) that the file defines as a constant, and where.
     pub fn constant(&self, name: &str) -> Option<(f32, Span)> {
         let module = &self.source.module;
         let named = module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name));
-        let Some((handle, constant)) = named else { return untyped_constant(self.source.own(), name) };
+        let Some((handle, constant)) = named else {
+            // A constant that the lowerer computes has become a variable.
+            let variable = module.global_variables.iter().find(|(_, one)| one.name.as_deref() == Some(name));
+            let computed = variable.map(|(handle, _)| (f32::NAN, module.global_variables.get_span(handle)));
+            return computed.or_else(|| untyped_constant(self.source.text.translated(), name));
+        };
         let number = match module.global_expressions[constant.init] {
             Expression::Literal(Literal::F32(x)) => x,
             Expression::Literal(Literal::AbstractFloat(x)) => x as f32,
@@ -145,48 +151,13 @@ impl Loaded {
 /// A number that a text defines as a constant without a type: naga's module has no constants of abstract types. What is
 /// more than a literal is not a number.
 fn untyped_constant(text: &str, name: &str) -> Option<(f32, Span)> {
-    let code = without_comments(text);
-    let mut from = 0;
-    while let Some(found) = code[from..].find(name) {
-        let (start, end) = (from + found, from + found + name.len());
-        from = end;
-        let value = code[end..].trim_start().strip_prefix('=').and_then(|rest| rest.split(';').next());
-        let before = code[..start].trim_end();
-        if let (Some(value), true) = (value, before.ends_with("const") && before.len() < start) {
-            let span = Span::new(start as u32, end as u32);
-            return Some((value.trim().parse().unwrap_or(f32::NAN), span));
-        }
-    }
-    None
-}
-
-/// A text with blanks in place of its comments, so that places stay. Block comments nest.
-fn without_comments(text: &str) -> String {
-    let mut code = text.as_bytes().to_vec();
-    let (mut depth, mut in_line, mut i) = (0, false, 0);
-    while i < code.len() {
-        let pair = [code[i], code.get(i + 1).copied().unwrap_or(0)];
-        in_line &= code[i] != b'\n';
-        let length = match &pair {
-            b"//" if depth == 0 => {
-                in_line = true;
-                2
-            }
-            b"/*" if !in_line => {
-                depth += 1;
-                2
-            }
-            b"*/" if depth > 0 => {
-                depth -= 1;
-                code[i..i + 2].fill(b' ');
-                2
-            }
-            _ => 1,
-        };
-        if in_line || depth > 0 {
-            code[i..i + length].fill(b' ');
-        }
-        i += length;
-    }
-    String::from_utf8(code).unwrap_or_default()
+    let tokens = tokens(text);
+    let is_named = |one: &Declaration<'_>| {
+        one.keyword == "const"
+            && one.name.is_some_and(|at| tokens[at].text == name && tokens[at + 1].text == "=")
+    };
+    let found = declarations(&tokens).into_iter().find(is_named)?;
+    let at = tokens[found.name?].range();
+    let value = text[at.end..].trim_start().strip_prefix('=').and_then(|rest| rest.split(';').next())?;
+    Some((value.trim().parse().unwrap_or(f32::NAN), Span::new(at.start as u32, at.end as u32)))
 }

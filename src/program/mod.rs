@@ -12,6 +12,7 @@ mod bsdf;
 mod code;
 #[cfg(feature = "gpu")]
 mod device;
+mod diagnosis;
 mod fuse;
 #[cfg(feature = "gpu")]
 pub mod gpu;
@@ -23,6 +24,7 @@ mod native;
 mod operation;
 mod parameter;
 mod prelude;
+mod repaired;
 mod run;
 mod shader;
 #[doc(hidden)]
@@ -31,6 +33,8 @@ mod source;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod token;
+mod translation;
 
 pub use bsdf::BsdfShader;
 #[doc(hidden)]

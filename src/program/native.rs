@@ -1,5 +1,5 @@
-//! Functions of the prelude that the executor computes with kernels in lanes. `shaders/prelude.wgsl` holds the same
-//! functions in WGSL; a test compares their bits.
+//! Functions of the prelude that the executor computes with kernels in lanes. `shaders/prelude.wgsl` and
+//! `shaders/built_ins.wgsl` hold the same functions in WGSL; a test compares their bits.
 
 use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Num, Vector, exponential, trigonometry};
@@ -33,11 +33,11 @@ impl Native {
     /// The function of the prelude.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Sin => "sin",
-            Self::Cos => "cos",
-            Self::Atan2 => "atan2",
-            Self::Exp2 => "exp2",
-            Self::Log2 => "log2",
+            Self::Sin => "sin_of",
+            Self::Cos => "cos_of",
+            Self::Atan2 => "atan2_of",
+            Self::Exp2 => "exp2_of",
+            Self::Log2 => "log2_of",
             Self::Noise => "noise",
             Self::Disk => "disk",
             Self::CosineHemisphere => "cosine_hemisphere",

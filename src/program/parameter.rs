@@ -1,6 +1,7 @@
 //! Parameters of shaders: `override`s, and the members of `var<private> params: Params`.
 
 use super::source::{Fault, Source};
+use super::translation::UNFOLDED;
 use naga::{Scalar, ScalarKind, Span, TypeInner};
 use std::collections::BTreeMap;
 
@@ -44,6 +45,10 @@ pub(super) fn parameters(source: &Source) -> Vec<Parameter> {
         else {
             continue;
         };
+        if name == UNFOLDED {
+            continue;
+        }
+        let name = source.text.own_name(&name).to_owned();
         let (has_default, span) = (parameter.init.is_some(), module.overrides.get_span(handle));
         all.push(Parameter { name, kind, has_default, span });
     }

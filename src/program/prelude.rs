@@ -6,9 +6,12 @@ use std::fmt::Write;
 /// The functions of the prelude.
 const FUNCTIONS: &str = include_str!("../../shaders/prelude.wgsl");
 
+/// WGSL's own functions, as far as they are not single operations.
+const BUILT_INS: &str = include_str!("../../shaders/built_ins.wgsl");
+
 /// The text of the prelude: the structs `Point` and `Finish` with the fields of `docs/guide/surface-fields.md`, the
-/// function `matte`, and the functions of `shaders/prelude.wgsl`. It follows the text of a file, so that lines keep
-/// their numbers.
+/// function `matte`, and the functions of `shaders/prelude.wgsl` and `shaders/built_ins.wgsl`. It follows the text of a
+/// file, so that lines keep their numbers.
 pub fn prelude() -> String {
     let mut text = String::from("// A point on a surface.\nstruct Point {\n");
     for field in POINT_FIELDS {
@@ -27,7 +30,7 @@ pub fn prelude() -> String {
     let defaults: Vec<&str> = FINISH_FIELDS.iter().map(|field| default_value(field.default)).collect();
     text += &defaults.join(", ");
     text += ");\n}\n\n";
-    text + FUNCTIONS
+    text + FUNCTIONS + "\n" + BUILT_INS
 }
 
 /// A field's default in WGSL.

@@ -30,8 +30,8 @@ pub struct Columns {
 /// A loop does not end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endless {
-    /// Line of the loop.
-    pub line: u32,
+    /// The loop's first byte in the text that was parsed.
+    pub place: u32,
 }
 
 impl Columns {
@@ -205,11 +205,11 @@ impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CH
                 Instruction::Call { native, operands, results } => {
                     call(l, *native, columns, code.list(operands), code.list(results), points);
                 }
-                Instruction::Host { function, mask, operands, results, line } => {
+                Instruction::Host { function, mask, operands, results, place } => {
                     let (operands, results) = (code.list(operands), code.list(results));
-                    let (function, mask, line) = (*function, *mask, *line);
+                    let (function, mask, place) = (*function, *mask, *place);
                     *at_next = at;
-                    return Ok(Some(HostCall { function, columns, operands, results, mask, points, line }));
+                    return Ok(Some(HostCall { function, columns, operands, results, mask, points, place }));
                 }
                 Instruction::Element { columns: from, index, to } => {
                     let from = &code.lists[from.start as usize..from.end as usize];
@@ -220,13 +220,13 @@ impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CH
                         at = *to as usize;
                     }
                 }
-                Instruction::Repeat { mask, to, line } => {
+                Instruction::Repeat { mask, to, place } => {
                     *spent += (at - *to as usize) as u64;
                     if is_empty(columns.found::<CHUNK_ALONE>(*mask, points).words) {
                         continue;
                     }
                     if *spent > BUDGET {
-                        return Err(Endless { line: *line });
+                        return Err(Endless { place: *place });
                     }
                     at = *to as usize;
                 }

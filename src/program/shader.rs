@@ -1,6 +1,7 @@
 //! Shaders of surfaces, of whatever kind a file defines.
 
 use super::bsdf::{self, BsdfShader};
+use super::integrator::IntegratorShader;
 use super::loaded::Loaded;
 use super::parameter::Parameter;
 use super::source::ShaderError;
@@ -28,7 +29,8 @@ impl SurfaceShader {
         text: &str,
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
     ) -> Result<Self, ShaderError> {
-        Self::of(file, Loaded::new(file, text, values, true)?)
+        check_kind(file, text)?;
+        Self::of(Loaded::new(file, text, values, true)?)
     }
 
     /// Loads a shader to see whether it can be loaded. Parameters without a default count as 1.
@@ -36,14 +38,15 @@ impl SurfaceShader {
     /// # Errors
     /// Those of [`SurfaceShader::load`].
     pub fn check(file: &str, text: &str) -> Result<Self, ShaderError> {
-        Self::of(file, Loaded::with_ones(file, text)?)
+        check_kind(file, text)?;
+        Self::of(Loaded::with_ones(file, text)?)
     }
 
-    fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
+    fn of(loaded: Loaded) -> Result<Self, ShaderError> {
         if bsdf::FUNCTIONS.iter().any(|function| loaded.has(function)) {
-            return BsdfShader::of(file, loaded).map(Self::Bsdf);
+            return BsdfShader::of(loaded).map(Self::Bsdf);
         }
-        PatternShader::of(file, loaded).map(Self::Pattern)
+        PatternShader::of(loaded).map(Self::Pattern)
     }
 
     /// The parameters of a file's text.
@@ -71,6 +74,18 @@ impl SurfaceShader {
                 format!("a BSDF of {evaluate} (evaluate) and {sample} (sample) operations, each with prepare")
             }
         }
+    }
+}
+
+/// Refuses an integrator.
+fn check_kind(file: &str, text: &str) -> Result<(), ShaderError> {
+    match IntegratorShader::is_integrator(text) {
+        true => Err(ShaderError::of_file(
+            file,
+            "this is an integrator, and no shader of a surface",
+            "choose it for the whole picture: `--integrator FILE.wgsl`",
+        )),
+        false => Ok(()),
     }
 }
 

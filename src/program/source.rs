@@ -1,9 +1,15 @@
 //! Shader files: parsing, validation and messages with line and column.
 
+use super::diagnosis;
+use super::repaired::Repaired;
+use super::run::Endless;
+use super::translation::Translation;
 use naga::front::wgsl::Frontend;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
-use naga::{Handle, Module, Scalar, ScalarKind, Span, Type, TypeInner};
+use naga::{Handle, Module, Span, Type};
 use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
 
 /// The longest shader file in bytes.
 pub const MAX_SOURCE_BYTES: usize = 1 << 20;
@@ -33,7 +39,7 @@ impl Fault {
     }
 }
 
-/// Error of loading a shader. The message names file, line and column, shows the line, and says what to do.
+/// Error of a shader. The message names file, line and column, shows the line, and says what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShaderError {
@@ -49,6 +55,20 @@ pub struct ShaderError {
     pub remedy: String,
     /// The line with marks below the place.
     excerpt: String,
+    /// Errors of other declarations.
+    others: Vec<Self>,
+}
+
+impl ShaderError {
+    /// An error of a whole file.
+    pub(super) fn of_file(file: &str, message: &str, remedy: &str) -> Self {
+        error(file, "", None, message.into(), remedy.into())
+    }
+
+    /// Errors of other declarations of the file.
+    pub fn others(&self) -> &[Self] {
+        &self.others
+    }
 }
 
 impl std::error::Error for ShaderError {}
@@ -60,111 +80,158 @@ impl fmt::Display for ShaderError {
             0 => write!(f, "\n --> {}", self.file)?,
             line => write!(f, "\n --> {}:{line}:{}\n{}", self.file, self.column, self.excerpt)?,
         }
-        match self.remedy.is_empty() {
-            true => Ok(()),
-            false => write!(f, "\n  = help: {}", self.remedy),
+        if !self.remedy.is_empty() {
+            write!(f, "\n  = help: {}", self.remedy)?;
         }
+        self.others.iter().try_for_each(|other| write!(f, "\n\n{other}"))
+    }
+}
+
+/// A file's text, and the text that is parsed: its translation with the prelude behind it.
+#[derive(Debug)]
+pub(super) struct SourceText {
+    file: String,
+    own: String,
+    parsed: String,
+    translation: Translation,
+}
+
+impl SourceText {
+    /// The text that is parsed.
+    pub fn parsed(&self) -> &str {
+        &self.parsed
+    }
+
+    /// The file's part of the text that is parsed.
+    pub fn translated(&self) -> &str {
+        &self.translation.text
+    }
+
+    /// The file's name.
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// The file's name for a name of the text that is parsed.
+    pub fn own_name<'a>(&'a self, name: &'a str) -> &'a str {
+        self.translation.own_name(name)
+    }
+
+    /// The bytes of the file for a place; `None` for the prelude.
+    fn own_range(&self, span: Span) -> Option<Range<usize>> {
+        let range = self.translation.own_range(span.to_range()?)?;
+        (range.end <= self.own.len()).then_some(range)
+    }
+
+    /// The error for a loop that does not end.
+    pub fn endless_loop(&self, endless: Endless) -> ShaderError {
+        let span = Span::new(endless.place, endless.place + 1);
+        self.error(&Fault::new(
+            span,
+            "this loop takes too many turns",
+            "make it end at every point, or sooner",
+        ))
+    }
+
+    /// The error for a fault.
+    pub fn error(&self, fault: &Fault) -> ShaderError {
+        let message = self.translation.in_own_names(&fault.message);
+        let remedy = self.translation.in_own_names(&fault.remedy);
+        error(&self.file, &self.own, self.own_range(fault.span), message, remedy)
     }
 }
 
 /// A parsed and valid shader, followed by the prelude.
 #[derive(Debug)]
 pub(super) struct Source {
-    file: String,
-    /// The file's text and the prelude.
-    pub text: String,
-    /// Bytes of the file's text.
-    own: usize,
+    pub text: Arc<SourceText>,
     pub module: Module,
     pub info: ModuleInfo,
 }
 
-impl Source {
-    /// The file's text.
-    pub fn own(&self) -> &str {
-        &self.text[..self.own]
-    }
+/// The most errors that are told at once.
+const MOST_ERRORS: usize = 8;
 
+impl Source {
     /// Parses and validates a file's text with the prelude.
     ///
     /// # Errors
-    /// When the text is no valid WGSL, or too long or too deeply nested.
+    /// When the text is no valid WGSL, or too long or too deeply nested. Of each declaration one error is told.
     pub fn parse(file: &str, own: &str, prelude: &str) -> Result<Self, ShaderError> {
-        let text = format!("{own}\n{prelude}");
-        let refused = |fault| Err(error(file, own, &fault));
+        let (mut first, mut at) = match Self::parse_once(file, own, prelude) {
+            Ok(source) => return Ok(source),
+            Err(refused) => refused,
+        };
+        // The declarations with errors are taken away, until there is no error or it is not known where it is.
+        let mut repaired = Repaired::new(own);
+        while first.others.len() + 1 < MOST_ERRORS
+            && let Some(place) = at
+            && repaired.take_away(place)
+        {
+            let Err((error, next)) = Self::parse_once(file, &repaired.text(), prelude) else { break };
+            at = next;
+            if next.is_some_and(|place| place < own.len()) && !repaired.names_one_gone(&error.message) {
+                first.others.push(error);
+            }
+        }
+        first.others.sort_by_key(|error| error.line);
+        Err(first)
+    }
+
+    /// Parses and validates a text. The error comes with its place in the text.
+    fn parse_once(file: &str, own: &str, prelude: &str) -> Result<Self, (ShaderError, Option<usize>)> {
+        let whole = |message: String, remedy: &str, at: Option<usize>| {
+            let range = at.map(|at| at..at + 1);
+            Err((error(file, own, range, message, remedy.into()), None))
+        };
         if own.len() > MAX_SOURCE_BYTES {
             let message = format!("the shader has {} bytes; at most {MAX_SOURCE_BYTES} are read", own.len());
-            return refused(Fault::new(
-                Span::UNDEFINED,
-                message,
-                "split it into shaders of several materials",
-            ));
+            return whole(message, "split it into shaders of several materials", None);
         }
         if let Some(at) = too_deep(own) {
             let message = format!(
                 "parentheses are nested more than {MAX_NESTING} deep, or a statement has more than {MAX_OPERATORS} \
                  operators"
             );
-            return refused(Fault::new(
-                Span::new(at, at + 1),
-                message,
-                "name parts of the expression with `let`",
-            ));
+            return whole(message, "name parts of the expression with `let`", Some(at as usize));
         }
-        let module = match Frontend::new().parse(&text) {
+        let Some(translation) = Translation::new(own, prelude) else {
+            let message =
+                "constants that depend on functions like `sin` become too long when they are written out";
+            return whole(message.into(), "compute them in a function", None);
+        };
+        let parsed = format!("{}\n{prelude}", translation.text);
+        let text = SourceText { file: file.into(), own: own.into(), parsed, translation };
+        let refused = |text: &SourceText, fault: Fault| {
+            let at = text.own_range(fault.span).map(|range| range.start);
+            Err((text.error(&fault), at))
+        };
+        let module = match Frontend::new().parse(&text.parsed) {
             Ok(module) => module,
             Err(found) => {
-                let (span, label) = found
-                    .labels()
-                    .next()
-                    .map_or((Span::UNDEFINED, String::new()), |(span, label)| (span, label.to_owned()));
-                let notes: Vec<&str> = found.notes().collect();
-                let remedy = if notes.is_empty() { label } else { notes.join("; ") };
-                return refused(Fault::new(span, found.message(), remedy));
+                return refused(&text, diagnosis::of_parse_error(&found, text.translated(), prelude));
             }
         };
-        let flags = ValidationFlags::all();
-        let info = match Validator::new(flags, Capabilities::empty()).validate(&module) {
-            Ok(info) => info,
-            Err(found) => {
-                // The narrowest place is the most precise.
-                let spans = found.spans().filter_map(|(span, _)| Some((span.to_range()?.len(), *span)));
-                let span = spans.min_by_key(|(bytes, _)| *bytes).map_or(Span::UNDEFINED, |(_, span)| span);
-                let mut message = found.to_string();
-                let mut cause: Option<&dyn std::error::Error> = std::error::Error::source(found.as_inner());
-                while let Some(because) = cause {
-                    message = format!("{message}: {because}");
-                    cause = because.source();
-                }
-                return refused(Fault::new(span, message, ""));
-            }
-        };
-        Ok(Self { file: file.into(), own: own.len(), text, module, info })
+        match Validator::new(ValidationFlags::all(), Capabilities::SHADER_FLOAT16_IN_FLOAT32)
+            .validate(&module)
+        {
+            Ok(info) => Ok(Self { text: Arc::new(text), module, info }),
+            Err(found) => refused(&text, diagnosis::of_invalid_module(&found, &module)),
+        }
     }
 
     /// The name of a type as WGSL writes it: of structs their own, of numbers and vectors `f32`, `vec3f`, ..
     pub fn type_name(&self, ty: Handle<Type>) -> String {
-        let ty = &self.module.types[ty];
-        if let Some(name) = &ty.name {
-            return name.clone();
-        }
-        let letter = |scalar: Scalar| match scalar.kind {
-            ScalarKind::Float => "f",
-            ScalarKind::Sint => "i",
-            ScalarKind::Uint => "u",
-            _ => "",
-        };
-        match ty.inner {
-            TypeInner::Scalar(scalar) if scalar.kind == ScalarKind::Bool => "bool".into(),
-            TypeInner::Scalar(scalar) => format!("{}32", letter(scalar)),
-            TypeInner::Vector { size, scalar } => format!("vec{}{}", size as u8, letter(scalar)),
-            _ => "another type".into(),
-        }
+        diagnosis::type_name(
+            &self.module,
+            &self.module.types[ty].inner,
+            self.module.types[ty].name.as_deref(),
+        )
     }
 
     /// The error for a fault.
     pub fn error(&self, fault: &Fault) -> ShaderError {
-        error(&self.file, self.own(), fault)
+        self.text.error(fault)
     }
 }
 
@@ -193,17 +260,22 @@ fn too_deep(text: &str) -> Option<u32> {
     None
 }
 
-fn error(file: &str, own: &str, fault: &Fault) -> ShaderError {
-    let Fault { span, message, remedy } = fault.clone();
-    let mut error =
-        ShaderError { file: file.into(), line: 0, column: 0, message, remedy, excerpt: String::new() };
-    let Some(range) = span.to_range().filter(|range| range.start <= own.len()) else { return error };
+/// The number of the line of a byte, from 1.
+fn line_of(text: &str, at: usize) -> u32 {
+    text[..floor_boundary(text, at)].matches('\n').count() as u32 + 1
+}
+
+/// An error at some bytes of a text, or of the whole text.
+fn error(file: &str, own: &str, range: Option<Range<usize>>, message: String, remedy: String) -> ShaderError {
+    let (file, excerpt, others) = (file.into(), String::new(), Vec::new());
+    let mut error = ShaderError { file, line: 0, column: 0, message, remedy, excerpt, others };
+    let Some(range) = range.filter(|range| range.start <= own.len()) else { return error };
     let start = floor_boundary(own, range.start);
     let line_start = own[..start].rfind('\n').map_or(0, |at| at + 1);
     let line_end = own[start..].find('\n').map_or(own.len(), |at| start + at);
     let end = floor_boundary(own, range.end.min(line_end)).max(start);
     let shown = |text: &str| text.replace(|c: char| c.is_control(), " ");
-    error.line = own[..start].matches('\n').count() as u32 + 1;
+    error.line = line_of(own, start);
     error.column = own[line_start..start].chars().count() as u32 + 1;
     let number = error.line.to_string();
     let margin = " ".repeat(number.len());

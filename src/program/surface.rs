@@ -8,7 +8,7 @@ use super::lower::Output;
 use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::run::{BLOCK, Columns};
-use super::source::{Fault, ShaderError};
+use super::source::{Fault, ShaderError, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
@@ -17,6 +17,7 @@ use crate::scene::{
 use naga::Span;
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 const PATTERN: Signature = Signature {
     name: "pattern",
@@ -58,7 +59,7 @@ const MIN_IN_BLOCKS: usize = 48;
 /// # Ok::<(), raystream::program::ShaderError>(())
 /// ```
 pub struct PatternShader {
-    file: String,
+    text: Arc<SourceText>,
     hash: u64,
     parameters: Vec<Parameter>,
     kernel: Kernel,
@@ -87,7 +88,7 @@ impl PatternShader {
         text: &str,
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
     ) -> Result<Self, ShaderError> {
-        Self::of(file, Loaded::new(file, text, values, true)?)
+        Self::of(Loaded::new(file, text, values, true)?)
     }
 
     /// [`PatternShader::load`]; without `natives` the functions of the prelude are computed from their WGSL.
@@ -98,14 +99,14 @@ impl PatternShader {
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
         natives: bool,
     ) -> Result<Self, ShaderError> {
-        Self::of(file, Loaded::new(file, text, values, natives)?)
+        Self::of(Loaded::new(file, text, values, natives)?)
     }
 
-    pub(super) fn of(file: &str, loaded: Loaded) -> Result<Self, ShaderError> {
+    pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
         let (kernel, outputs) = loaded.kernel(&PATTERN)?;
         let effects = effects(&loaded, &outputs).map_err(|fault| loaded.error(&fault))?;
         Ok(Self {
-            file: file.into(),
+            text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
             inputs: kernel.inputs(),
             parameters: loaded.parameters,
@@ -117,7 +118,7 @@ impl PatternShader {
 
     /// The file's name.
     pub fn file(&self) -> &str {
-        &self.file
+        self.text.file()
     }
 
     /// The parameters, in the order of the file.
@@ -128,7 +129,7 @@ impl PatternShader {
     /// The program, as devices compute it.
     #[cfg(feature = "gpu")]
     pub(super) fn program(&self) -> Program {
-        Program { file: self.file.clone(), code: self.kernel.code.clone() }
+        Program { text: Arc::clone(&self.text), code: self.kernel.code.clone() }
     }
 
     /// Number of operations that a point takes, loops counted once.
@@ -160,7 +161,7 @@ impl Procedural for PatternShader {
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let columns = self.kernel.columns(CHUNK);
         points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns, L::LANES));
-        self.kernel.run_vector(points.lanes(), &self.file, &columns);
+        self.kernel.run_vector(points.lanes(), &self.text, &columns);
         let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
         self.kernel.keep(columns);
         finish
@@ -195,7 +196,7 @@ impl PatternShader {
             let column = columns.column(register, points.next_multiple_of(CHUNK));
             write(column, &from.column(scalar)[piece.clone()], is_truth);
         }
-        self.kernel.run(lanes, &self.file, &columns, points);
+        self.kernel.run(lanes, &self.text, &columns, points);
         for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
             let from = columns.operand(register, points);
             for (chunk, to) in to.column_mut(scalar)[piece.clone()].chunks_mut(CHUNK).enumerate() {
@@ -222,6 +223,11 @@ impl FinishSource for Outputs<'_> {
 }
 
 const _: () = assert!(MAX_LANES == CHUNK && BLOCK.is_multiple_of(CHUNK));
+
+/// A constant in a message.
+fn shown(constant: f32) -> String {
+    if constant.is_nan() { "no number, but an expression".into() } else { constant.to_string() }
+}
 
 /// Effects that a pattern computes beside colours.
 fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
@@ -258,7 +264,11 @@ fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
             None => effects.thin_transmission(),
             Some((ior, _)) if ior >= 1.0 && ior.is_finite() => effects.body_transmission(ior),
             Some((ior, span)) => {
-                return Err(Fault::new(span, format!("`ior` is {ior}"), "write a number of at least 1"));
+                return Err(Fault::new(
+                    span,
+                    format!("`ior` is {}", shown(ior)),
+                    "write a number of at least 1",
+                ));
             }
         };
     }
@@ -266,7 +276,11 @@ fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
         effects = match loaded.constant("max_emission") {
             Some((bound, _)) if bound > 0.0 && bound.is_finite() => effects.emission(bound),
             Some((bound, span)) => {
-                return Err(Fault::new(span, format!("`max_emission` is {bound}"), "write a number above 0"));
+                return Err(Fault::new(
+                    span,
+                    format!("`max_emission` is {}", shown(bound)),
+                    "write a number above 0",
+                ));
             }
             None => {
                 return Err(Fault::new(

@@ -11,7 +11,7 @@ use super::{
     JobControl, JobError, JobHandle, JobOptions, Lengths, Limits, LimitsError, Priority, QueryHandle,
     Service, Tracers, Unit,
 };
-use crate::stream::{Ray, panic_message};
+use crate::stream::Ray;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -50,9 +50,7 @@ impl Service {
                     options,
                 ))
             }
-            Err(payload) => {
-                Err(JobError::Panicked { job: options.name.clone(), message: panic_message(payload) })
-            }
+            Err(thrown) => Err(JobError::of(thrown, options.name.clone())),
         };
         let result = Arc::new(ResultSlot::delivered(progress, outcome));
         let control = JobControl::new(None, options.name.clone(), Arc::clone(&self.inner), result);

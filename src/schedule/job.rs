@@ -299,8 +299,8 @@ impl<R: Renderer> TypedJob<R> {
                 self.lists.put_back_chunk(chunk, thread);
                 account.rays
             }
-            Done::Panicked(message) => {
-                self.abandon(JobError::Panicked { job: self.report.name.clone(), message });
+            Done::Failed(error) => {
+                self.abandon(error.of_job(self.report.name.clone()));
                 account.rays
             }
             done => self.put_back_of_device(account, done, thread, end_ns),

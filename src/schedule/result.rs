@@ -2,7 +2,8 @@
 
 use super::report::{JobReport, Progress};
 use super::state::Receiver;
-use crate::stream::drop_quietly;
+use crate::stream::{Stopped, drop_quietly, panic_message};
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
@@ -23,9 +24,29 @@ pub enum JobError {
         /// What the panic said.
         message: String,
     },
+    /// The renderer's code cannot go on, for a reason of its own: a shader's loop that does not end. Other jobs go on.
+    #[error("{0}")]
+    Stopped(String),
     /// The scheduler itself panicked, which is a bug; the service is unusable from then on.
     #[error("the scheduler failed: {0}; please report it")]
     Broken(String),
+}
+
+impl JobError {
+    /// The error for what a job's code has thrown.
+    pub(super) fn of(thrown: Box<dyn Any + Send>, job: Option<Arc<str>>) -> Self {
+        let is_stopped = thrown.is::<Stopped>();
+        let message = panic_message(thrown);
+        if is_stopped { Self::Stopped(message) } else { Self::Panicked { job, message } }
+    }
+
+    /// The error with the job's name.
+    pub(super) fn of_job(self, job: Option<Arc<str>>) -> Self {
+        match self {
+            Self::Panicked { message, .. } => Self::Panicked { job, message },
+            other => other,
+        }
+    }
 }
 
 fn called(name: Option<&str>) -> String {

@@ -1,9 +1,10 @@
 //! What a thread does between two visits to the lists, without the lock.
 
+use super::result::JobError;
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
-    StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, panic_message, paths,
+    StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,8 +59,8 @@ pub(super) enum Done<P, S> {
         reason: String,
     },
     Reclaimed(RayStream<Full, P, S>),
-    /// The renderer or the host's tracer panicked, and the task's streams were dropped.
-    Panicked(String),
+    /// The renderer or the host's tracer panicked or stopped, and the task's streams were dropped.
+    Failed(JobError),
 }
 
 /// Rays that a task has emitted.
@@ -123,7 +124,7 @@ impl<R: Renderer> Work for SharedJob<R> {
             Task::Submit(bundle) => self.submit(bundle),
             Task::Reclaim(stream) => Done::Reclaimed(stream.take_back()),
         }));
-        let done = done.unwrap_or_else(|payload| Done::Panicked(panic_message(payload)));
+        let done = done.unwrap_or_else(|thrown| Done::Failed(JobError::of(thrown, None)));
         self.swap_slot(thread, TaskSlot::Done(done));
     }
 

@@ -3,13 +3,7 @@
 use crate::lanes::SimdLevel;
 use crate::program::device::{Kernel, Program};
 use crate::program::run::{BLOCK, Columns, run_alone};
-
-/// A loop does not end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Endless {
-    /// Its line in the shader.
-    pub line: u32,
-}
+use crate::program::source::ShaderError;
 
 impl Program {
     /// Computes the columns of a kernel's results from those of its inputs, both of `points` words each.
@@ -21,7 +15,7 @@ impl Program {
         kernel: &Kernel,
         points: usize,
         inputs: &[u32],
-    ) -> Result<Vec<u32>, Endless> {
+    ) -> Result<Vec<u32>, ShaderError> {
         let code = &*self.code;
         let level = SimdLevel::detect();
         let mut results = vec![0; kernel.outputs.len() * points];
@@ -39,7 +33,7 @@ impl Program {
                 }
             }
             let ran = run_alone(level, code, &columns, count);
-            ran.map_err(|endless| Endless { line: endless.line })?;
+            ran.map_err(|endless| self.text.endless_loop(endless))?;
             for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
                 let from = columns.operand(code.outputs[scalar as usize], count);
                 let words = column[start..start + count].iter_mut().enumerate();

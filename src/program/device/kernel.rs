@@ -127,8 +127,8 @@ fn natives(code: &Code) -> Vec<(Native, Code)> {
         let mut functions = source.module.functions.iter();
         let named = functions.find(|(_, function)| function.name.as_deref() == Some(native.name()));
         let (handle, _) = named.expect("the prelude has its functions");
-        let Source { module, info, text, .. } = &source;
-        let input = Input { module, info, overrides: &overrides, natives: false, source: text, host: None };
+        let Source { module, info, text } = &source;
+        let input = Input { module, info, overrides: &overrides, natives: false, text, host: None };
         let (code, _) = lower(input, handle).expect("the prelude can be lowered");
         (native, code)
     };

@@ -1,13 +1,14 @@
 //! A shader as devices compute it: its results at many hits.
 
 use crate::program::code::Code;
+use crate::program::source::SourceText;
 use std::sync::Arc;
 
 /// A program as devices compute it.
 #[derive(Clone, Debug)]
 pub(crate) struct Program {
-    /// Name of its file.
-    pub file: String,
+    /// The text of its file.
+    pub(in crate::program) text: Arc<SourceText>,
     pub(in crate::program) code: Arc<Code>,
 }
 

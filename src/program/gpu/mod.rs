@@ -11,7 +11,7 @@ mod dispatch;
 mod tests;
 
 use super::device::{Kernel, Program};
-use super::{BsdfShader, PatternShader};
+use super::{BsdfShader, PatternShader, ShaderError};
 use crate::device::{FloatControls, Fma, float_controls, spirv};
 use crate::trace::gpu::Gpu;
 use dispatch::{Entry, MOST_POINTS, Pipelines};
@@ -71,11 +71,8 @@ pub enum GpuProgramError {
     #[error("no memory for its points: {0}")]
     Memory(String),
     /// A loop of the shader does not end.
-    #[error("line {line}: this loop takes too many turns; does it end at every point?")]
-    Endless {
-        /// The loop's line.
-        line: u32,
-    },
+    #[error("{0}")]
+    Endless(ShaderError),
 }
 
 /// Account of the points of a shader that a device has computed.
@@ -175,7 +172,7 @@ impl GpuProgram {
 
     /// Name of the shader's file.
     pub fn file(&self) -> &str {
-        &self.program.file
+        self.program.text.file()
     }
 
     /// The account of the points computed so far.
@@ -229,6 +226,6 @@ impl GpuProgram {
         let picked: Vec<u32> =
             inputs.chunks(points).flat_map(|column| some.iter().map(|&point| column[point])).collect();
         let results = self.program.evaluate(&self.kernel, some.len(), &picked);
-        results.map_err(|endless| GpuProgramError::Endless { line: endless.line })
+        results.map_err(GpuProgramError::Endless)
     }
 }

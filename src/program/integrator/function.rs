@@ -90,8 +90,8 @@ pub struct HostCall<'a> {
     pub(in crate::program) mask: Register,
     /// Points of the block, a multiple of the lanes.
     pub points: usize,
-    /// Line of the call in the file.
-    pub line: u32,
+    /// The call's first byte in the text that was parsed.
+    pub place: u32,
 }
 
 impl HostCall<'_> {

@@ -16,15 +16,18 @@ pub use function::{Host, HostCall, HostFunction};
 pub use hit_fields::{HIT_FIELDS, HitFact, HitField};
 pub use piece::{Piece, PieceColumns};
 
+use super::kernel::stop;
 use super::loaded::Loaded;
 use super::lower::{Counts, HostInput, Input, Lowered, Output, lowered};
 use super::parameter::Parameter;
 use super::prelude::prelude;
 pub use super::run::Columns;
-use super::source::{Fault, ShaderError, Source};
+use super::source::{Fault, ShaderError, Source, SourceText};
+use super::token::declares;
 use naga::{Function, Handle, Span};
 use split::{MOST_TRACES, Rest, split, traces};
 use std::fmt;
+use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The functions of the prelude for integrators.
@@ -60,7 +63,7 @@ const MOST_TURNS: f32 = 255.0;
 /// # Ok::<(), raystream::program::ShaderError>(())
 /// ```
 pub struct IntegratorShader {
-    file: String,
+    text: Arc<SourceText>,
     /// Hash of the source, the prelude and the parameters.
     hash: u64,
     parameters: Vec<Parameter>,
@@ -101,12 +104,13 @@ impl IntegratorShader {
         text: &str,
         values: impl IntoIterator<Item = (&'a str, &'a str)>,
     ) -> Result<Self, ShaderError> {
-        Self::of(file, &Loaded::before(&prelude_for(text), file, text, values, true)?)
+        check_kind(file, text)?;
+        Self::of(&Loaded::before(&prelude_for(text), file, text, values, true)?)
     }
 
-    fn of(file: &str, loaded: &Loaded) -> Result<Self, ShaderError> {
+    fn of(loaded: &Loaded) -> Result<Self, ShaderError> {
         let loader = Loader { loaded, loops: Vec::new() };
-        loader.load(file).map_err(|fault| loaded.error(&fault))
+        loader.load().map_err(|fault| loaded.error(&fault))
     }
 
     /// The parameters of a file's text.
@@ -122,12 +126,13 @@ impl IntegratorShader {
     /// # Errors
     /// Those of [`IntegratorShader::load`].
     pub fn check(file: &str, text: &str) -> Result<Self, ShaderError> {
-        Self::of(file, &Loaded::before(&prelude_for(text), file, text, [], true)?.ones())
+        check_kind(file, text)?;
+        Self::of(&Loaded::before(&prelude_for(text), file, text, [], true)?.ones())
     }
 
     /// True if a file's text is an integrator: it defines `fn hit`.
     pub fn is_integrator(text: &str) -> bool {
-        signature::defines(text, "fn", "hit")
+        declares(text, "fn", "hit")
     }
 
     /// A hash of a file's text and the prelude, without values of parameters.
@@ -138,12 +143,22 @@ impl IntegratorShader {
     /// The file's name.
     #[inline]
     pub fn file(&self) -> &str {
-        &self.file
+        self.text.file()
     }
 
     /// A hash of the source, the prelude and the parameters.
     pub fn hash(&self) -> u64 {
         self.hash
+    }
+
+    /// Stops the job because the entry that a call pushes has been pushed too often.
+    #[cold]
+    pub fn stop_turning(&self, place: u32) -> ! {
+        let message =
+            format!("an entry is pushed again more than {} times, which `max_turns` allows", self.turns);
+        let fault =
+            Fault::new(Span::new(place, place + 1), message, "push it less often, or raise `max_turns`");
+        stop(self.text.error(&fault))
     }
 
     /// The parameters, in the order of the file.
@@ -235,14 +250,27 @@ impl IntegratorShader {
     }
 }
 
+/// Refuses a shader of a surface.
+fn check_kind(file: &str, text: &str) -> Result<(), ShaderError> {
+    let is_surface = ["pattern", "evaluate"].iter().any(|name| declares(text, "fn", name));
+    match is_surface && !declares(text, "fn", "hit") {
+        true => Err(ShaderError::of_file(
+            file,
+            "this is a shader of a surface, and no integrator",
+            "give it to a material: `--surface MATERIAL=FILE.wgsl`",
+        )),
+        false => Ok(()),
+    }
+}
+
 /// The prelude of integrators, with a payload and an entry if the file has none.
 fn prelude_for(text: &str) -> String {
     let mut all = prelude() + &hit_fields::text() + FUNCTIONS;
-    if !signature::defines(text, "struct", "Payload") {
+    if !declares(text, "struct", "Payload") {
         all += "\n// What travels with a ray, if a file defines nothing else.\n";
         all += "struct Payload {\n    nothing: u32,\n}\n";
     }
-    if signature::defines(text, "struct", "Entry") {
+    if declares(text, "struct", "Entry") {
         all += "\n// Keeps an entry on the loop stack until the paths of all rays that follow have ended.\n";
         all += "fn push(entry: Entry) {}\n";
     }
@@ -261,7 +289,7 @@ struct Loader<'m> {
 }
 
 impl Loader<'_> {
-    fn load(mut self, file: &str) -> Result<IntegratorShader, Fault> {
+    fn load(mut self) -> Result<IntegratorShader, Fault> {
         let found = signature::find(&self.loaded.source)?;
         let start = self.start(found.start, found.payload)?;
         let turns = self.turns()?;
@@ -287,7 +315,7 @@ impl Loader<'_> {
         counts.shadows = followed(counts.shadows, resumes.shadows);
         let mirror_below = self.mirror_below()?;
         Ok(IntegratorShader {
-            file: file.into(),
+            text: Arc::clone(&self.loaded.source.text),
             hash: self.loaded.hash(),
             parameters: self.loaded.parameters.clone(),
             start,
@@ -339,8 +367,8 @@ impl Loader<'_> {
     }
 
     fn input<'a>(&'a self, host: Option<HostInput<'a>>) -> Input<'a> {
-        let Source { module, info, text, .. } = &self.loaded.source;
-        Input { module, info, overrides: &self.loaded.overrides, natives: true, source: text, host }
+        let Source { module, info, text } = &self.loaded.source;
+        Input { module, info, overrides: &self.loaded.overrides, natives: true, text, host }
     }
 
     fn lowered(
@@ -386,13 +414,10 @@ impl Loader<'_> {
             ));
         }
         split(lowered.code, lowered.waiting).map_err(|needs| {
+            let name = needs.function.name();
             Fault::new(
-                span,
-                format!(
-                    "line {}: `{}` asks for the surface behind a call of `trace` on whose answer it depends",
-                    needs.line,
-                    needs.function.name()
-                ),
+                Span::new(needs.place, needs.place + name.len() as u32),
+                format!("`{name}` asks for the surface behind a call of `trace` on whose answer it depends"),
                 "ask for what does not depend on the answer, and choose among the results afterwards",
             )
         })

@@ -1,10 +1,11 @@
 //! Pieces: the programs of an integrator that run by themselves.
 
+use super::IntegratorShader;
 use super::function::Host;
 use super::split::Rest;
 use crate::lanes::{Lanes, SimdLevel};
 use crate::program::code::{Code, Instruction, Register};
-use crate::program::kernel::endless_loop;
+use crate::program::kernel::stop;
 use crate::program::run::{BLOCK, Columns, Endless, run, run_alone};
 use std::cell::Cell;
 use std::collections::HashMap;
@@ -79,14 +80,18 @@ impl Piece {
         )
     }
 
-    /// Runs the piece at the first points of a block.
-    ///
-    /// # Panics
-    /// If a loop takes too many turns. The message names the file and the line.
+    /// Runs the piece of a shader at the first points of a block. Stops the job when a loop takes too many turns.
     #[inline(always)]
-    pub fn run<L: Lanes>(&self, l: L, columns: &Columns, points: usize, host: &mut impl Host<L>, file: &str) {
+    pub fn run<L: Lanes>(
+        &self,
+        l: L,
+        columns: &Columns,
+        points: usize,
+        host: &mut impl Host<L>,
+        shader: &IntegratorShader,
+    ) {
         if let Err(endless) = run(l, &self.code, columns, points, host) {
-            endless_loop(file, endless.line);
+            stop(shader.text.endless_loop(endless));
         }
     }
 

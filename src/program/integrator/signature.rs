@@ -22,21 +22,6 @@ pub(super) struct Found {
     pub returns: bool,
 }
 
-/// True if a text defines something of this name: a struct, a function. Comments of a line are left out.
-pub(super) fn defines(text: &str, keyword: &str, name: &str) -> bool {
-    let mut before = "";
-    for line in text.lines() {
-        let code = line.split("//").next().unwrap_or_default();
-        for word in code.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|word| !word.is_empty()) {
-            if before == keyword && word == name {
-                return true;
-            }
-            before = word;
-        }
-    }
-    false
-}
-
 /// Finds the functions and checks their signatures.
 ///
 /// # Errors

@@ -37,10 +37,10 @@ impl Rest {
     }
 }
 
-/// A function whose calls need the surface after a ray was traced, in this line.
+/// A function whose calls need the surface after a ray was traced, and the call's first byte in the parsed text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NeedsHit {
-    pub line: u32,
+    pub place: u32,
     pub function: HostFunction,
 }
 
@@ -55,9 +55,9 @@ pub(super) fn split(mut code: Code, waiting: Register) -> Result<(Rest, Vec<Rest
         let (whole, rests) = splitter.split();
         let asking = rests.iter().enumerate().find_map(|(trace, rest)| {
             rest.code.instructions.iter().find_map(|instruction| match instruction {
-                Instruction::Host { function, results, line, .. } if function.needs_hit() => {
+                Instruction::Host { function, results, place, .. } if function.needs_hit() => {
                     let result = rest.code.list(results)[0];
-                    Some((trace, result, NeedsHit { line: *line, function: *function }))
+                    Some((trace, result, NeedsHit { place: *place, function: *function }))
                 }
                 _ => None,
             })
@@ -314,12 +314,12 @@ impl<'a> Splitter<'a> {
         code.instructions = order
             .into_iter()
             .map(|at| match self.code.instructions[at].clone() {
-                Instruction::Host { function, operands, results, line, .. } if moved.contains(&at) => {
-                    Instruction::Host { function, mask: all, operands, results, line }
+                Instruction::Host { function, operands, results, place, .. } if moved.contains(&at) => {
+                    Instruction::Host { function, mask: all, operands, results, place }
                 }
                 Instruction::Skip { mask, to } => Instruction::Skip { mask, to: new_place(to) },
-                Instruction::Repeat { mask, to, line } => {
-                    Instruction::Repeat { mask, to: new_place(to), line }
+                Instruction::Repeat { mask, to, place } => {
+                    Instruction::Repeat { mask, to: new_place(to), place }
                 }
                 other => other,
             })
@@ -431,10 +431,10 @@ impl Walk<'_, '_> {
                     self.code.instructions.push(Instruction::Skip { mask, to: 0 });
                 }
             },
-            Instruction::Repeat { mask, to, line } => {
+            Instruction::Repeat { mask, to, place } => {
                 let mask = self.operand(*mask);
                 let to = places.get(&(*to as usize)).copied().unwrap_or_default();
-                self.code.instructions.push(Instruction::Repeat { mask, to, line: *line });
+                self.code.instructions.push(Instruction::Repeat { mask, to, place: *place });
             }
             Instruction::Compute { operation, operands, to } => {
                 let mut scalars = [Scalar::Word(0); 3];
@@ -465,8 +465,8 @@ impl Walk<'_, '_> {
                 self.code.instructions.push(Instruction::Element { columns, index, to });
                 self.known.remove(&to);
             }
-            Instruction::Host { function, mask, operands, results, line } => {
-                self.host(*function, *mask, operands, results, *line);
+            Instruction::Host { function, mask, operands, results, place } => {
+                self.host(*function, *mask, operands, results, *place);
             }
         }
         at + 1
@@ -478,7 +478,7 @@ impl Walk<'_, '_> {
         mask: Register,
         operands: &Range<u32>,
         results: &Range<u32>,
-        line: u32,
+        place: u32,
     ) {
         let old = self.splitter.code;
         if self.scalar(mask) == Scalar::Word(0) {
@@ -495,7 +495,7 @@ impl Walk<'_, '_> {
         }
         let (operands, mask) = (self.list(&given), self.operand(mask));
         let results = self.results(old.list(results));
-        self.code.instructions.push(Instruction::Host { function, mask, operands, results, line });
+        self.code.instructions.push(Instruction::Host { function, mask, operands, results, place });
     }
 }
 

@@ -1,5 +1,7 @@
 //! Calls, which are inlined.
 
+use super::scope::Scopes;
+use super::shape::unsupported;
 use super::{Frame, Lowerer, Scalar, Value};
 use crate::program::code::{Instruction, Register};
 use crate::program::integrator::HostFunction;
@@ -66,18 +68,37 @@ impl Lowerer<'_> {
         result: Option<Handle<Expression>>,
     ) -> Result<(), Fault> {
         let values = arguments.iter().map(|&argument| self.value(argument)).collect::<Result<Vec<_>, _>>()?;
-        let name = self.input.module.functions[function].name.as_deref().unwrap_or_default();
-        let native = if self.input.natives { Native::named(name) } else { None };
-        let host = self.input.host.and_then(|_| HostFunction::named(name));
-        let scalars = match (native, host) {
-            (Some(native), _) => self.call_native(native, &values),
-            (None, Some(host)) => self.call_host(host, function, &values)?,
-            (None, None) => self.inline(function, values)?,
-        };
+        let scalars = self.called(function, values)?;
         if let Some(result) = result {
             self.set(result, Value::Scalars(scalars));
         }
         Ok(())
+    }
+
+    /// The result of a function.
+    fn called(&mut self, function: Handle<Function>, values: Vec<Value>) -> Result<Rc<[Scalar]>, Fault> {
+        let name = self.input.module.functions[function].name.as_deref().unwrap_or_default();
+        let native = if self.input.natives { Native::named(name) } else { None };
+        let host = self.input.host.and_then(|_| HostFunction::named(name));
+        match (native, host) {
+            (Some(native), _) => Ok(self.call_native(native, &values)),
+            (None, Some(host)) => self.call_host(host, function, &values),
+            (None, None) => self.inline(function, values),
+        }
+    }
+
+    /// The result of a function of the prelude.
+    pub(super) fn call_prelude(
+        &mut self,
+        name: &str,
+        arguments: Vec<Rc<[Scalar]>>,
+    ) -> Result<Rc<[Scalar]>, Fault> {
+        let mut functions = self.input.module.functions.iter();
+        let Some((function, _)) = functions.find(|(_, function)| function.name.as_deref() == Some(name))
+        else {
+            return Err(unsupported(format!("function `{name}` without the prelude")));
+        };
+        self.called(function, arguments.into_iter().map(Value::Scalars).collect())
     }
 
     fn call_native(&mut self, native: Native, arguments: &[Value]) -> Rc<[Scalar]> {
@@ -119,6 +140,7 @@ impl Lowerer<'_> {
             values: vec![None; function.expressions.len()],
             arguments,
             locals: Vec::new(),
+            scopes: Rc::clone(self.scopes.entry(handle).or_insert_with(|| Rc::new(Scopes::of(function)))),
             result,
             entry,
             live,

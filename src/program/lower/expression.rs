@@ -5,6 +5,7 @@ use super::variable::Place;
 use super::{Lowerer, Scalar, Value, VariableId};
 use crate::program::operation::Operation;
 use crate::program::source::Fault;
+use crate::program::translation::UNFOLDED;
 use naga::{
     BinaryOperator, Expression, Handle, Literal, RelationalFunction, ScalarKind, Span, TypeInner,
     UnaryOperator,
@@ -161,6 +162,12 @@ impl<'m> Lowerer<'m> {
                 self.operand(base, true)?[first as usize..][..width as usize].into()
             }
             Expression::Unary { op, expr } => self.unary(op, expr, is_global)?,
+            // The factor only keeps naga from computing the other.
+            Expression::Binary { op: BinaryOperator::Multiply, left, right }
+                if self.is_unfolded(left, is_global) =>
+            {
+                self.operand(right, is_global)?
+            }
             Expression::Binary { op, left, right } => {
                 let (a, b) = (self.operand(left, is_global)?, self.operand(right, is_global)?);
                 self.binary(op, (left, &a), (right, &b))?
@@ -187,9 +194,9 @@ impl<'m> Lowerer<'m> {
                 };
                 [scalars.iter().fold(first, |sum, &scalar| self.compute(operation, &[sum, scalar]))].into()
             }
-            Expression::Math { fun, arg, arg1, arg2, .. } => {
+            Expression::Math { fun, arg, arg1, arg2, arg3 } => {
                 let mut operands = vec![self.operand(arg, is_global)?];
-                for more in [arg1, arg2].into_iter().flatten() {
+                for more in [arg1, arg2, arg3].into_iter().flatten() {
                     operands.push(self.operand(more, is_global)?);
                 }
                 self.math(fun, arg, &operands)?
@@ -252,9 +259,20 @@ impl<'m> Lowerer<'m> {
         }
     }
 
+    /// True if an expression is the prelude's `override` of 1.
+    fn is_unfolded(&self, handle: Handle<Expression>, is_global: bool) -> bool {
+        let module = self.input.module;
+        let expression = match is_global {
+            true => Some(&module.global_expressions[handle]),
+            false => self.expression(handle),
+        };
+        matches!(expression, Some(&Expression::Override(one))
+            if module.overrides[one].name.as_deref() == Some(UNFOLDED))
+    }
+
     fn override_scalars(&mut self, handle: Handle<naga::Override>) -> Result<Rc<[Scalar]>, Fault> {
         let parameter = &self.input.module.overrides[handle];
-        let name = parameter.name.as_deref().unwrap_or_default();
+        let name = self.input.text.own_name(parameter.name.as_deref().unwrap_or_default());
         if let Some(&word) = self.input.overrides.get(name) {
             return Ok([Scalar::Word(word)].into());
         }

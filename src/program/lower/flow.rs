@@ -22,7 +22,8 @@ impl Lowerer<'_> {
     pub(super) fn block(&mut self, block: &Block) -> Result<Flow, Fault> {
         for (statement, &span) in block.span_iter() {
             self.check_length(span)?;
-            self.line = self.line(span);
+            self.place = place(span);
+            self.begin_scopes(statement);
             if self.statement(statement, span).map_err(|fault| fault.at(span))? == Flow::Ended {
                 return Ok(Flow::Ended);
             }
@@ -300,8 +301,7 @@ impl Lowerer<'_> {
             let condition = self.scalar(condition)?;
             self.write(Operation::AndNot, &[Scalar::Column(live), condition], live);
         }
-        let line = self.line(span);
-        self.code.instructions.push(Instruction::Repeat { mask: live, to: start, line });
+        self.code.instructions.push(Instruction::Repeat { mask: live, to: start, place: place(span) });
         self.known.pop();
         self.exits.pop();
         self.close_region(region, &homed);
@@ -309,6 +309,11 @@ impl Lowerer<'_> {
         self.drop_departed(departures);
         Ok(Flow::On)
     }
+}
+
+/// The first byte of a place.
+fn place(span: Span) -> u32 {
+    span.to_range().map_or(0, |range| range.start as u32)
 }
 
 /// True if a block decides about leaving a loop.

@@ -108,13 +108,13 @@ impl Lowerer<'_> {
         let end = self.code.lists.len() as u32;
         let results: Vec<Register> = (0..width).map(|_| self.register()).collect();
         self.code.lists.extend(&results);
-        let (operands, results_at, line) = (start..end, end..end + width, self.line);
+        let (operands, results_at, place) = (start..end, end..end + width, self.place);
         self.code.instructions.push(Instruction::Host {
             function,
             mask,
             operands,
             results: results_at,
-            line,
+            place,
         });
         let mut results: Vec<Scalar> = results.into_iter().map(Scalar::Column).collect();
         if function.is_trace()

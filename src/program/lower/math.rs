@@ -4,11 +4,70 @@ use super::shape::{size, unsupported};
 use super::{Lowerer, Scalar};
 use crate::program::operation::Operation as O;
 use crate::program::source::Fault;
-use naga::{Expression, Handle, MathFunction as M, ScalarKind, Span, TypeInner};
+use naga::{Expression, Handle, MathFunction as M, ScalarKind, TypeInner};
+use std::borrow::Borrow;
 use std::rc::Rc;
 
+/// The function of the prelude that computes each component of a built-in function.
+fn component_function(fun: M, kind: ScalarKind) -> Option<&'static str> {
+    let is_signed = kind == ScalarKind::Sint;
+    Some(match fun {
+        M::Sin => "sin_of",
+        M::Cos => "cos_of",
+        M::Tan => "tan_of",
+        M::Asin => "asin_of",
+        M::Acos => "acos_of",
+        M::Atan => "atan_of",
+        M::Atan2 => "atan2_of",
+        M::Sinh => "sinh_of",
+        M::Cosh => "cosh_of",
+        M::Tanh => "tanh_of",
+        M::Asinh => "asinh_of",
+        M::Acosh => "acosh_of",
+        M::Atanh => "atanh_of",
+        M::Exp => "exp_of",
+        M::Exp2 => "exp2_of",
+        M::Log => "log_of",
+        M::Log2 => "log2_of",
+        M::Pow => "pow_of",
+        M::Ldexp => "ldexp_of",
+        M::QuantizeToF16 => "quantize_to_half_of",
+        M::ExtractBits if is_signed => "extract_signed_of",
+        M::ExtractBits => "extract_unsigned_of",
+        M::InsertBits => "insert_of",
+        M::FirstLeadingBit if is_signed => "first_leading_signed_of",
+        M::FirstLeadingBit => "first_leading_unsigned_of",
+        M::FirstTrailingBit => "first_trailing_of",
+        _ => return None,
+    })
+}
+
+/// The function of the prelude that computes a built-in function as a whole.
+fn whole_function(fun: M) -> Option<&'static str> {
+    Some(match fun {
+        M::Pack4x8snorm => "pack4x8snorm_of",
+        M::Pack4x8unorm => "pack4x8unorm_of",
+        M::Pack2x16snorm => "pack2x16snorm_of",
+        M::Pack2x16unorm => "pack2x16unorm_of",
+        M::Pack2x16float => "pack2x16float_of",
+        M::Pack4xI8 | M::Pack4xU8 => "pack4x_integer_of",
+        M::Pack4xI8Clamp => "pack4x_signed_clamp_of",
+        M::Pack4xU8Clamp => "pack4x_unsigned_clamp_of",
+        M::Unpack4x8snorm => "unpack4x8snorm_of",
+        M::Unpack4x8unorm => "unpack4x8unorm_of",
+        M::Unpack2x16snorm => "unpack2x16snorm_of",
+        M::Unpack2x16unorm => "unpack2x16unorm_of",
+        M::Unpack2x16float => "unpack2x16float_of",
+        M::Unpack4xI8 => "unpack4x_signed_of",
+        M::Unpack4xU8 => "unpack4x_unsigned_of",
+        M::Dot4I8Packed => "dot4_signed_of",
+        M::Dot4U8Packed => "dot4_unsigned_of",
+        _ => return None,
+    })
+}
+
 impl Lowerer<'_> {
-    /// A built-in function. Those that the prelude defines never come here.
+    /// A built-in function.
     pub(super) fn math(
         &mut self,
         fun: M,
@@ -48,8 +107,21 @@ impl Lowerer<'_> {
             }
             M::Refract => self.refract(a, b, c[0]),
             M::Transpose => self.transposed(first, a)?,
-            M::Determinant | M::Inverse | M::Outer => {
-                return Err(unsupported("determinants, inverses and outer products"));
+            M::Determinant => [self.determinant(first, a)?].into(),
+            M::Inverse | M::Outer => return Err(unsupported("inverses and outer products")),
+            M::Modf => {
+                let whole: Vec<Scalar> = a.iter().map(|&x| self.compute(O::Trunc, &[x])).collect();
+                let rest = self.differences(a, &whole);
+                rest.into_iter().chain(whole).collect()
+            }
+            M::Frexp => {
+                let mantissas = self.each_component("mantissa_of", &[a])?;
+                let exponents = self.each_component("exponent_of", &[a])?;
+                mantissas.iter().chain(&*exponents).copied().collect()
+            }
+            _ if let Some(name) = component_function(fun, kind) => self.each_component(name, operands)?,
+            _ if let Some(name) = whole_function(fun) => {
+                self.call_prelude(name, operands.iter().map(Rc::clone).collect())?
             }
             _ => {
                 let at = |scalars: &Rc<[Scalar]>, i: usize| scalars[if scalars.len() == 1 { 0 } else { i }];
@@ -60,6 +132,46 @@ impl Lowerer<'_> {
                 results.into()
             }
         })
+    }
+
+    /// A function of the prelude, component by component; single numbers go with each component.
+    fn each_component(
+        &mut self,
+        name: &str,
+        operands: &[impl Borrow<Rc<[Scalar]>>],
+    ) -> Result<Rc<[Scalar]>, Fault> {
+        let count = operands[0].borrow().len();
+        let mut results = Vec::with_capacity(count);
+        for i in 0..count {
+            let at = |scalars: &Rc<[Scalar]>| Rc::from([scalars[if scalars.len() == 1 { 0 } else { i }]]);
+            let arguments = operands.iter().map(|operand| at(operand.borrow())).collect();
+            results.extend_from_slice(&self.call_prelude(name, arguments)?);
+        }
+        Ok(results.into())
+    }
+
+    /// The determinant of a matrix, by its first column.
+    fn determinant(&mut self, first: Handle<Expression>, a: &[Scalar]) -> Result<Scalar, Fault> {
+        let TypeInner::Matrix { columns, .. } = self.inner(first) else {
+            return Err(unsupported("determinants of this type"));
+        };
+        let n = size(columns) as usize;
+        let columns: Vec<&[Scalar]> = a.chunks(n).collect();
+        Ok(self.minor(&columns, &(0..n).collect::<Vec<_>>()))
+    }
+
+    /// The determinant of some columns at some rows.
+    fn minor(&mut self, columns: &[&[Scalar]], rows: &[usize]) -> Scalar {
+        let ([first, rest @ ..], false) = (columns, rows.len() == 1) else { return columns[0][rows[0]] };
+        let mut sum = None;
+        for (at, &row) in rows.iter().enumerate() {
+            let others: Vec<usize> = rows.iter().copied().filter(|&other| other != row).collect();
+            let minor = self.minor(rest, &others);
+            let product = self.compute(O::Mul, &[first[row], minor]);
+            let operation = if at % 2 == 0 { O::Add } else { O::Sub };
+            sum = Some(sum.map_or(product, |sum| self.compute(operation, &[sum, product])));
+        }
+        sum.unwrap_or(Scalar::Word(0))
     }
 
     /// A function that works component by component.
@@ -101,14 +213,7 @@ impl Lowerer<'_> {
             M::CountLeadingZeros => self.compute(O::LeadingZeros, &[a]),
             M::CountTrailingZeros => self.compute(O::TrailingZeros, &[a]),
             M::ReverseBits => self.compute(O::ReverseBits, &[a]),
-            other => {
-                let name = format!("{other:?}").to_lowercase();
-                return Err(Fault::new(
-                    Span::UNDEFINED,
-                    format!("programs lack the function `{name}`"),
-                    "`raystream shaders prelude` prints the functions of the prelude",
-                ));
-            }
+            other => return Err(unsupported(format!("function like {other:?}"))),
         })
     }
 

@@ -13,17 +13,19 @@ mod expression;
 mod flow;
 mod host;
 mod math;
+mod scope;
 mod shape;
 mod unroll;
 mod variable;
 
 use super::code::{Code, Instruction, Register};
 use super::operation::Operation;
-use super::source::Fault;
+use super::source::{Fault, SourceText};
 use host::Asked;
 pub(super) use host::{Counts, HostInput};
 use naga::valid::ModuleInfo;
 use naga::{Function, Handle, Module, Span, TypeInner};
+use scope::Scopes;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::rc::Rc;
 use variable::{Place, VariableId, Variables};
@@ -72,6 +74,7 @@ struct Frame<'m> {
     values: Vec<Option<Value>>,
     arguments: Vec<Value>,
     locals: Vec<VariableId>,
+    scopes: Rc<Scopes>,
     result: Option<VariableId>,
     /// The points at which the function was called.
     entry: PointMask,
@@ -113,8 +116,8 @@ pub(super) struct Input<'m> {
     pub overrides: &'m BTreeMap<String, u32>,
     /// True if functions of the prelude become calls of native kernels.
     pub natives: bool,
-    /// The source, for the lines of loops.
-    pub source: &'m str,
+    /// The text, for the names of overrides.
+    pub text: &'m SourceText,
     /// Translation of calls of host functions; `None` in shaders that have none.
     pub host: Option<HostInput<'m>>,
 }
@@ -140,6 +143,8 @@ struct Lowerer<'m> {
     /// The scalars of variables with homes that have been assigned since the innermost region began.
     assigned: HashSet<(VariableId, usize)>,
     globals: HashMap<Handle<naga::GlobalVariable>, VariableId>,
+    /// Of functions called so far.
+    scopes: HashMap<Handle<Function>, Rc<Scopes>>,
     frames: Vec<Frame<'m>>,
     exits: Vec<Exit>,
     mask: PointMask,
@@ -147,8 +152,8 @@ struct Lowerer<'m> {
     departures: u64,
     /// Number of statements lowered so far.
     statements: u32,
-    /// Line of the current statement.
-    line: u32,
+    /// The current statement's first byte in the text that was parsed.
+    place: u32,
     /// A mask that gains the points that wait for a ray: see [`host`].
     waiting: Register,
     /// True if some points may wait.
@@ -238,12 +243,13 @@ impl<'m> Lowerer<'m> {
             variables: Variables::default(),
             assigned: HashSet::new(),
             globals: HashMap::new(),
+            scopes: HashMap::new(),
             frames: Vec::new(),
             exits: Vec::new(),
             mask: None,
             departures: 0,
             statements: 0,
-            line: 0,
+            place: 0,
             waiting: 0,
             waits: false,
             counts: Counts::default(),
@@ -390,11 +396,6 @@ impl<'m> Lowerer<'m> {
         let to = self.register();
         self.write(Operation::Copy, &[Self::mask_scalar(mask)], to);
         to
-    }
-
-    /// The number of the line of a place in the source, from 1.
-    fn line(&self, span: Span) -> u32 {
-        if span.is_defined() { span.location(self.input.source).line_number } else { 0 }
     }
 
     fn check_length(&mut self, span: Span) -> Result<(), Fault> {

@@ -56,6 +56,16 @@ impl<'m> Lowerer<'m> {
         self.variables.0.len() - 1
     }
 
+    /// Begins the scopes of variables that begin with a statement: points outside of the mask never read them.
+    pub(super) fn begin_scopes(&mut self, statement: &Statement) {
+        let Some(frame) = self.frames.last() else { return };
+        for local in frame.scopes.begin(statement) {
+            if let Some(&variable) = frame.locals.get(local.index()) {
+                self.variables.0[variable].made_at = self.mask;
+            }
+        }
+    }
+
     /// The present value of a variable.
     pub(super) fn value_of(&mut self, variable: VariableId) -> Rc<[Scalar]> {
         if let Some(value) = &self.variables.0[variable].value {

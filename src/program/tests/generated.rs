@@ -5,6 +5,7 @@ use crate::lanes::SimdLevel;
 use crate::program::code::Code;
 use crate::program::lower::{Input, lower};
 use crate::program::operation::CHUNK;
+use crate::program::prelude::prelude;
 use crate::program::run::{BLOCK, Columns, run_alone};
 use crate::program::source::Source;
 use std::collections::BTreeMap;
@@ -337,7 +338,7 @@ pub(super) fn same(a: u32, b: u32) -> bool {
 
 /// The module of a program and its function.
 pub(super) fn parsed(text: &str) -> Source {
-    Source::parse("generated.wgsl", text, "").unwrap_or_else(|error| panic!("{error}\n{text}"))
+    Source::parse("generated.wgsl", text, &prelude()).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
 fn test_function(source: &Source) -> (naga::Handle<naga::Function>, &naga::Function) {
@@ -352,7 +353,7 @@ pub(super) fn lowered(source: &Source, text: &str) -> Code {
         info: &source.info,
         overrides: &BTreeMap::new(),
         natives: true,
-        source: text,
+        text: &source.text,
         host: None,
     };
     lower(input, test_function(source).0).unwrap_or_else(|fault| panic!("{fault:?}\n{text}")).0

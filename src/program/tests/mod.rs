@@ -1,8 +1,11 @@
 //! Tests of programs.
 
 mod bsdfs;
+mod built_ins;
+mod corpus;
 mod fuzz;
 mod generated;
+mod mistakes;
 mod oracle;
 mod patterns;
 mod recorded;

@@ -259,6 +259,8 @@ impl<'m> Oracle<'m> {
         match &function.expressions[handle] {
             Expression::Literal(literal) => Value::Word(word(*literal)),
             Expression::Constant(constant) => self.global(self.module.constants[*constant].init),
+            // The prelude's factor of 1.
+            Expression::Override(_) => Value::Word(Word::F(1.0)),
             Expression::ZeroValue(ty) => self.zero(&self.module.types[*ty].inner),
             Expression::FunctionArgument(index) => self.frame().arguments[*index as usize].clone(),
             Expression::GlobalVariable(global) => Value::Pointer(0, global.index(), Vec::new()),

@@ -3,6 +3,8 @@
 use crate::lanes::{Int, Mask, Num, SingleLane, Vector};
 use crate::program::PatternShader;
 use crate::scene::{BlockColumns, BlockSurface, FINISH_FIELDS, Finish, Points, Procedural, Scene};
+use crate::stream::Stopped;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// A point.
 pub(super) fn point_at(scene: &Scene, [x, y, z]: [f32; 3]) -> Points<'_, SingleLane> {
@@ -25,7 +27,7 @@ pub(super) fn point_at(scene: &Scene, [x, y, z]: [f32; 3]) -> Points<'_, SingleL
 }
 
 /// A finish at one point.
-fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
+pub(super) fn finish_at(shader: &PatternShader, position: [f32; 3]) -> Finish<SingleLane> {
     shader.finish(&point_at(&Scene::default(), position))
 }
 
@@ -248,9 +250,11 @@ fn integers_and_indices_have_results_everywhere() {
 }
 
 #[test]
-#[should_panic(expected = "endless.wgsl:2: this loop takes too many turns")]
 fn endless_loops_are_told() {
     let text = "fn pattern(at: Point) -> Finish { var f = matte(at); var x = at.position.x;\n\
                 loop { x = x * 0.5; if (x > 9.0) { break; } } f.roughness = x; return f; }";
-    finish_at(&PatternShader::load("endless.wgsl", text, []).expect("valid"), [1.0; 3]);
+    let shader = PatternShader::load("endless.wgsl", text, []).expect("valid");
+    let ran = catch_unwind(AssertUnwindSafe(|| finish_at(&shader, [1.0; 3])));
+    let Stopped(reason) = *ran.err().expect("the loop does not end").downcast().expect("no panic");
+    assert!(reason.starts_with("this loop takes too many turns\n --> endless.wgsl:2:1\n"), "{reason}");
 }

@@ -6,7 +6,9 @@ use crate::lanes::SimdLevel;
 use crate::program::integrator::IntegratorShader;
 use crate::render::{AmbientOcclusion, Integrator, Settings, WgslIntegrator, WgslShader, Whitted};
 use crate::scene::{Light, LightShape, Material, Scalar, Scene};
+use crate::stream::Stopped;
 use glam::Vec3;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 const SETTINGS: Settings = Settings::new(16, 16).with_spp(4).with_max_bounces(5);
@@ -161,11 +163,14 @@ fn ambient_occlusion_in_wgsl_is_the_native_one() {
 }
 
 #[test]
-#[should_panic(expected = "test.wgsl:3: this loop takes too many turns")]
-fn endless_loops_fail_with_their_line() {
+fn endless_loops_are_errors_with_their_place() {
     let text = "fn miss(direction: vec3f, p: Payload) {}
         fn hit(at: Hit, p: Payload) { var x = at.t;
             loop { x += 1.0; if (x < 0.0) { break; } }
             splat(vec3f(x)); }";
-    pixels(&integrator(text, &room()), 64);
+    let ran = catch_unwind(AssertUnwindSafe(|| pixels(&integrator(text, &room()), 64)));
+    let thrown = ran.err().expect("the loop does not end");
+    let Stopped(reason) = *thrown.downcast().expect("no panic");
+    assert!(reason.starts_with("this loop takes too many turns\n --> test.wgsl:3:13\n"), "{reason}");
+    assert!(reason.contains("  |             ^"), "{reason}");
 }

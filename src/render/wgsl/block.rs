@@ -156,7 +156,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         for point in (0..self.count).filter(|&point| call.holds(point)) {
             let turn = self.points.turn[point];
             if turn > self.shader.turns() {
-                too_many_turns(self.shader, call.line);
+                self.shader.stop_turning(call.place);
             }
             let mut entry = [0; LARGE];
             entry[0] = (resume + 1) | (turn << 8);
@@ -328,12 +328,6 @@ fn ray_of(call: &HostCall<'_>, point: usize, payload: usize) -> (Ray, [u32; PAYL
         *word = call.word(7 + i, point);
     }
     (ray, own)
-}
-
-#[cold]
-fn too_many_turns(shader: &IntegratorShader, line: u32) -> ! {
-    let (file, turns) = (shader.file(), shader.turns());
-    panic!("{file}:{line}: an entry is pushed again more than {turns} times, which `max_turns` allows");
 }
 
 impl<L: Lanes> Host<L> for Block<'_, '_, L> {

@@ -184,7 +184,7 @@ impl<'a> Shading<'a> {
         let points = (&mut *self.points, rays.len());
         let out = (&mut self.session, &mut self.emitted);
         let mut block = Block::new((frame, shader), (piece, Some(number)), surfaces, points, out);
-        piece.run(l, &columns, rays.len(), &mut block, shader.file());
+        piece.run(l, &columns, rays.len(), &mut block, shader);
         block.finish(&columns, &mut self.ended);
         put(piece, columns);
     }
@@ -210,7 +210,7 @@ impl<'a> Shading<'a> {
         let points = (&mut *self.points, rays.len());
         let out = (&mut self.session, &mut self.emitted);
         let mut block = Block::<L>::new((frame, shader), (piece, None), &[], points, out);
-        piece.run(l, &columns, rays.len(), &mut block, shader.file());
+        piece.run(l, &columns, rays.len(), &mut block, shader);
         block.finish(&columns, &mut self.ended);
         put(piece, columns);
     }
@@ -300,7 +300,7 @@ impl<'a> Shading<'a> {
         let points = (&mut *self.points, paths.len());
         let out = (&mut self.session, &mut self.emitted);
         let mut block = Block::<L>::new((frame, shader), (piece, None), &[], points, out);
-        piece.run(l, &columns, paths.len(), &mut block, shader.file());
+        piece.run(l, &columns, paths.len(), &mut block, shader);
         block.finish(&columns, &mut self.ended);
         put(piece, columns);
     }

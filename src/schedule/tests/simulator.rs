@@ -363,7 +363,7 @@ impl Case {
                 tally.complete += usize::from(!report.stopped);
                 tally.lost += usize::from(report.events.iter().any(|event| event.contains("device failed")));
             }
-            Err(JobError::Broken(why)) => panic!("{why}"),
+            Err(JobError::Broken(why) | JobError::Stopped(why)) => panic!("{why}"),
             Err(JobError::Cancelled) => {
                 assert!(self.cancelled, "only cancelled jobs are");
                 tally.cancelled += 1;

@@ -29,7 +29,7 @@ pub use capacity::{Capacity, paths};
 pub use chunk::{Chunk, ChunkScratch, TracedChunk};
 pub use device_memory::{DeviceMemory, RayAppender, RayArray, StreamMemory};
 pub use device_stream::{DeviceAnswers, DeviceStream};
-pub use panic::{drop_quietly, panic_message};
+pub use panic::{Stopped, drop_quietly, panic_message, stop_job};
 pub use ray::{Hit, MISS, Ray};
 pub use ray_stream::{
     Answered, Dispatched, Empty, Filling, Full, OnDevice, RayStream, StreamAppender, Traced, TracedRays,
