@@ -222,7 +222,15 @@ fn unexpected(rest: &str, span: Span, tokens: &[Token<'_>], here: usize) -> Faul
         Some((first, _)) => first,
         None => wanted,
     };
-    let found = tokens.get(here).map_or(String::new(), |token| format!("`{}`", token.text));
+    let Some(found) = tokens.get(here) else {
+        let span = tokens.last().map_or(span, |token| span_of(token.range()));
+        return Fault::new(
+            span,
+            "the file ends inside of a declaration",
+            "close each `{` with `}`, each `(` with `)`",
+        );
+    };
+    let found = format!("`{}`", found.text);
     let wanted = wanted.replace('\'', "`");
     let remedy = match wanted.as_str() {
         "`)`" if found == "`=`" => "`==` compares",

@@ -106,3 +106,37 @@ fn hostile_files_end_in_errors() {
     assert!(refusal(&again).contains("max_turns"));
     assert_eq!(check(&format!("const max_turns: u32 = 3;\n{again}")).map(|shader| shader.turns()), Ok(3));
 }
+
+/// Counters of loops are known under conditions, and behind points that have returned.
+#[test]
+fn bounded_loops_may_trace_under_conditions() {
+    let miss = "fn miss(direction: vec3f, p: Payload) -> vec3f { return direction; }\n";
+    let turns = "for (var i = 0u; i < 3u; i++) { sum += trace(leave(at.normal), p) * f32(i + 1u); }";
+    for body in [
+        format!("if depth() < 2u {{ {turns} }}"),
+        format!("if at.t > 1.0 {{ if depth() < 2u {{ var k = 0u; {turns} }} else {{ sum = vec3f(1.0); }} }}"),
+        format!("if depth() >= 2u {{ return at.emitted; }} {turns}"),
+        format!("switch depth() {{ case 0u: {{ {turns} }} default: {{ }} }}"),
+    ] {
+        let text = format!(
+            "{miss}fn hit(at: Hit, p: Payload) -> vec3f {{ var sum = vec3f(0.0); {body} return sum; }}"
+        );
+        let shader = IntegratorShader::load("test.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(shader.loop_shaders().len(), 3, "{body}");
+    }
+    let told = refusal(&format!(
+        "{miss}fn hit(at: Hit, p: Payload) -> vec3f {{ var sum = vec3f(0.0); var i = 0.0; \
+         while i < at.t {{ sum += trace(leave(at.normal), p); i += 1.0; }} return sum; }}"
+    ));
+    assert!(told.contains("number of turns is not known"), "{told}");
+}
+
+#[test]
+fn options_for_the_other_kind_of_file_are_told() {
+    let pattern = "fn pattern(at: Point) -> Finish { return matte(at); }";
+    let told = refusal(pattern);
+    assert!(told.contains("--surface MATERIAL=FILE.wgsl"), "{told}");
+    let integrator = "fn hit(at: Hit, p: Payload) {}\nfn miss(direction: vec3f, p: Payload) {}";
+    let error = crate::program::SurfaceShader::load("test.wgsl", integrator, []).expect_err("an integrator");
+    assert!(error.to_string().contains("--integrator FILE.wgsl"), "{error}");
+}
