@@ -108,7 +108,7 @@ impl Service {
         // A file that cannot grow is an error then, not a signal.
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])
-            .env("RUST_LOG", if log.is_some() { "info" } else { "warn" })
+            .env("RUST_LOG", if log.is_some() { "info,raystream_service=debug" } else { "warn" })
             .args(command)
             .args(["--listen", "127.0.0.1:0", "--tracer", "cpu", "--unit-samples", "1000", "--data"])
             .arg(data)

@@ -47,12 +47,12 @@ fn follow(state: &State, mut after: i64) -> Result<i64, LedgerError> {
 
 fn tell(step: &Event, job: &Job) {
     let Event { kind, data, .. } = step;
-    let (id, tenant) = (&job.id, &job.tenant);
+    let (subject, tenant) = (job.subject(), &job.tenant);
     let more = if data == "{}" { String::new() } else { format!(" {data}") };
     match kind.as_str() {
         // A unit or frame at a time.
-        "unit" | "frame" => log::debug!("job {id}: {kind}{more}"),
-        _ => log::info!("job {id}: {kind} (tenant {tenant}){more}"),
+        "unit" | "frame" => log::debug!("{subject}: {kind}{more}"),
+        _ => log::info!("{subject}: {kind} (tenant {tenant}){more}"),
     }
     let Ok(ended) = kind.parse::<JobState>() else { return };
     if ended.has_ended() {

@@ -141,9 +141,14 @@ impl Calls {
             }
             Err(error) => (None, Some(reason(&error))),
         };
+        let subject = format!("delivery {id}, {}", job.subject());
+        match &error {
+            None => log::info!("{subject}: delivered by call {}", attempts + 1),
+            Some(error) => log::info!("{subject}: call {} has failed: {error}", attempts + 1),
+        }
         let gives_up = error.is_some() && attempts + 1 >= MOST_CALLS;
         if gives_up {
-            log::warn!("job {}: {MOST_CALLS} calls of {} have failed; no more are tried", job.id, hook.url);
+            log::warn!("{subject}: {MOST_CALLS} calls of {} have failed; no more are tried", hook.url);
         }
         let result = if error.is_some() { "failed" } else { "delivered" };
         metrics::counter!("raystream_webhook_calls_total", "result" => result).increment(1);

@@ -80,6 +80,8 @@ pub struct Job {
     pub state: JobState,
     /// The request, as JSON.
     pub request: String,
+    /// The name of the request that submitted it; empty if an older raystream took it.
+    pub request_id: String,
     /// Its cost: pixels, samples and frames.
     pub demand: JobCost,
     /// The SHA-256 of its scene.
@@ -104,7 +106,16 @@ pub struct Job {
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms, tenant, began_ms, pinned";
+        planned, spent_ms, tenant, began_ms, pinned, request_id";
+
+    /// The job and the request that submitted it, as lines of the log begin.
+    pub fn subject(&self) -> String {
+        let Self { id, request_id, .. } = self;
+        match &**request_id {
+            "" => format!("job {id}"),
+            request => format!("job {id}, request {request}"),
+        }
+    }
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let text = |column: usize| row.get::<_, String>(column);
@@ -128,6 +139,7 @@ impl Job {
             tenant: text(12)?,
             began_ms: row.get(13)?,
             is_pinned: row.get(14)?,
+            request_id: row.get(15)?,
         })
     }
 }
@@ -146,6 +158,8 @@ pub struct NewJob {
     pub tenant: String,
     /// The request, as JSON.
     pub request: String,
+    /// The name of the request.
+    pub request_id: String,
     /// The SHA-256 of what its pictures depend on.
     pub request_hash: String,
     /// Its cost: pixels, samples and frames.
