@@ -72,18 +72,23 @@ fn each_step_of_a_job_names_its_request_even_after_a_restart() {
     let service = Service::start_logging(data.path(), &options, &first);
     let scene = service.upload_file(&shipped("cornell.json"));
     let (url, calls) = receiver(&[500, 200]);
-    let body = json!({ "scene": scene, "size": "48x48", "spp": 64, "frames": "0..5", "turntable": 60, "webhook": { "url": url, "secret": "a key" } });
+    let body = json!({ "scene": scene, "size": "48x48", "spp": 256, "frames": "0..5", "turntable": 60, "webhook": { "url": url, "secret": "a key" } });
     let named = [("Content-Type", "application/json"), ("X-Request-Id", NAME)];
     let id = service.send("POST", "/api/v1/jobs", &named, body.to_string().into_bytes()).json();
     let id = id["id"].as_str().expect("an id").to_owned();
     let is = |line: &Value, start: &str| {
         line["job"] == *id && line["message"].as_str().is_some_and(|message| message.starts_with(start))
     };
-    let before = lines(&first, "the first frame", |line| is(line, "frame"));
+    lines(&first, "the first frame", |line| is(line, "frame"));
+    let steer = |service: &Service, verb: &str| {
+        assert_eq!(service.post(&format!("/api/v1/jobs/{id}/{verb}"), &json!({})).status, 200, "{verb}");
+    };
+    steer(&service, "pause");
+    let before = lines(&first, "the pause", |line| is(line, "paused"));
     service.kill();
-    assert!(!before.iter().any(|line| is(line, "done")), "it ends before the service does");
 
     let service = Service::start_logging(data.path(), &options, &second);
+    steer(&service, "resume");
     service.hashes(&id);
     for _ in 0..2 {
         calls.recv_timeout(crate::service::PATIENCE).expect("a call");
@@ -92,7 +97,7 @@ fn each_step_of_a_job_names_its_request_even_after_a_restart() {
     assert_eq!(service.send("DELETE", &format!("/api/v1/jobs/{id}"), &[], Vec::new()).status, 204);
     let after = lines(&second, "the end", |line| is(line, "deleted"));
     let steps = [
-        (&before, &["queued", "running", "given to worker", "unit", "frame"][..]),
+        (&before, &["queued", "running", "given to worker", "unit", "frame", "paused"][..]),
         (&after, &["given to worker", "unit", "frame", "done", "call 1 has failed", "delivered", "deleted"]),
     ];
     for (log, starts) in steps {

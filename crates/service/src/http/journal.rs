@@ -25,6 +25,9 @@ pub fn start(state: State) -> io::Result<JoinHandle<()>> {
                 after = follow(&state, after).unwrap_or(after);
             }
         }
+        if let Err(error) = follow(&state, after) {
+            log::warn!("{error}");
+        }
     })
 }
 
@@ -36,6 +39,7 @@ fn follow(state: &State, mut after: i64) -> Result<i64, LedgerError> {
             // It may have been deleted meanwhile.
             if let Some(job) = state.ledger().job(&step.job)? {
                 tell(step, &job);
+                state.traces().step(state.ledger(), step, &job)?;
             }
             after = step.seq;
         }

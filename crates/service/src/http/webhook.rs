@@ -122,7 +122,8 @@ impl Calls {
         let Some(job) = ledger.job(job)? else { return Ok(()) };
         let body = json!({ "id": job.id, "state": job.state, "error": job.error, "ended_ms": job.ended_ms });
         let body = body.to_string();
-        let time = now_ms() / 1000;
+        let began_ms = now_ms();
+        let time = began_ms / 1000;
         let signed = format!("{id}.{time}.{body}");
         let signature = format!("sha256={}", hex(&hmac(hook.secret.as_bytes(), signed.as_bytes())));
         let called = self
@@ -141,6 +142,7 @@ impl Calls {
             }
             Err(error) => (None, Some(reason(&error))),
         };
+        self.state.traces().called(&job, due, began_ms, error.is_some());
         let subject = format!("delivery {id}, {}", job.subject());
         match &error {
             None => log::info!("{subject}: delivered by call {}", attempts + 1),

@@ -82,6 +82,8 @@ pub struct Job {
     pub request: String,
     /// The name of the request that submitted it; empty if an older raystream took it.
     pub request_id: String,
+    /// The span that it is a part of, as a `traceparent`; empty if there is none.
+    pub trace_parent: String,
     /// Its cost: pixels, samples and frames.
     pub demand: JobCost,
     /// The SHA-256 of its scene.
@@ -106,7 +108,7 @@ pub struct Job {
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms, tenant, began_ms, pinned, request_id";
+        planned, spent_ms, tenant, began_ms, pinned, request_id, trace_parent";
 
     /// The job and the request that submitted it, as lines of the log begin.
     pub fn subject(&self) -> String {
@@ -140,6 +142,7 @@ impl Job {
             began_ms: row.get(13)?,
             is_pinned: row.get(14)?,
             request_id: row.get(15)?,
+            trace_parent: row.get(16)?,
         })
     }
 }
@@ -160,6 +163,8 @@ pub struct NewJob {
     pub request: String,
     /// The name of the request.
     pub request_id: String,
+    /// The span that it is a part of, as a `traceparent`; empty if there is none.
+    pub trace_parent: String,
     /// The SHA-256 of what its pictures depend on.
     pub request_hash: String,
     /// Its cost: pixels, samples and frames.

@@ -11,6 +11,7 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         tenant: "t".into(),
         request: "{}".into(),
         request_id: "r".into(),
+        trace_parent: String::new(),
         request_hash: format!("hash of {}", &id[..1]),
         demand: JobCost::new((4, 4), 8, Some(2), StopRule::Samples),
         scene: "s".into(),

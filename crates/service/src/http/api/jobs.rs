@@ -11,6 +11,7 @@ use crate::coordinator::{JobRequest, parse_priority};
 use crate::http::caller::{Caller, over_quota};
 use crate::http::guard::RequestId;
 use crate::http::state::State;
+use crate::http::traces;
 use axum::Json;
 use axum::body::Body;
 use axum::extract::{Extension, Path, Query, State as Given};
@@ -39,9 +40,16 @@ pub async fn submit(
     body: Body,
 ) -> Result<Response, Problem> {
     let request: JobRequest = body::json(&state, &headers, body).await?;
+    let origin = Origin { request_id, trace_parent: traces::parent(&headers) };
     let key = idempotency_key(&headers)?;
     let fresh = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == "no-cache");
-    state.blocking(move |state| accept((state, &caller), (request, request_id), key, fresh)).await
+    state.blocking(move |state| accept((state, &caller), (request, origin), key, fresh)).await
+}
+
+/// What a job comes from: the name of the request, and the span that it is a part of.
+struct Origin {
+    request_id: String,
+    trace_parent: String,
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
@@ -73,7 +81,7 @@ fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Pr
 /// Checks a request and writes it into the ledger.
 fn accept(
     (state, caller): (&State, &Caller),
-    (mut request, request_id): (JobRequest, String),
+    (mut request, origin): (JobRequest, Origin),
     idempotency_key: Option<String>,
     is_fresh: bool,
 ) -> Result<Response, Problem> {
@@ -104,7 +112,8 @@ fn accept(
         quotas: caller.quotas(),
         shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
-        request_id,
+        request_id: origin.request_id,
+        trace_parent: origin.trace_parent,
         title: request.title.unwrap_or_default(),
         labels: request.labels,
         request_hash,
