@@ -72,7 +72,8 @@ fn each_step_of_a_job_names_its_request_even_after_a_restart() {
     let service = Service::start_logging(data.path(), &options, &first);
     let scene = service.upload_file(&shipped("cornell.json"));
     let (url, calls) = receiver(&[500, 200]);
-    let body = json!({ "scene": scene, "size": "48x48", "spp": 256, "frames": "0..5", "turntable": 60, "webhook": { "url": url, "secret": "a key" } });
+    let body = json!({ "scene": scene, "size": "48x48", "spp": 256, "frames": "0..5", "turntable": 60,
+        "webhook": { "url": url, "secret": "a key" } });
     let named = [("Content-Type", "application/json"), ("X-Request-Id", NAME)];
     let id = service.send("POST", "/api/v1/jobs", &named, body.to_string().into_bytes()).json();
     let id = id["id"].as_str().expect("an id").to_owned();

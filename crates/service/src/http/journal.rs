@@ -28,6 +28,7 @@ pub fn start(state: State) -> io::Result<JoinHandle<()>> {
         if let Err(error) = follow(&state, after) {
             log::warn!("{error}");
         }
+        state.traces().end();
     })
 }
 

@@ -196,12 +196,10 @@ pub fn run(
     let _calls = webhook::start(state.clone(), tls_of_calls, reach)?;
     let steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
-    let served = runtime.block_on(serve(listen, tls, state.clone(), stop.0.subscribe(), listening));
+    let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
     runner.stop();
-    // Its panic has been reported.
-    let _ = steps.join();
-    state.traces().end();
+    drop(steps.join());
     runtime.shutdown_timeout(GRACE);
     served
 }
