@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::time::SystemTime;
 
-/// Subjects of messages. A message that has one begins with the word and a name then.
+/// Subjects of messages. A message that has some begins with them, each a word and a name.
 const SUBJECTS: [&str; 6] = ["job", "request", "unit", "worker", "scene", "delivery"];
 
 static AS_JSON: AtomicBool = AtomicBool::new(false);
@@ -58,17 +58,19 @@ fn write_json(to: &mut Formatter, record: &Record<'_>) -> io::Result<()> {
     writeln!(to, "{line}")
 }
 
-/// A message, and what it is about as a field of its own: `job 7f: done` is `{"job": "7f", "message": "done"}`.
+/// A message, and what it is about as fields of their own: `job 7f, request a: done` is
+/// `{"job": "7f", "request": "a", "message": "done"}`.
 fn of_message(message: &str) -> Value {
     let about = message.split_once(": ").and_then(|(start, rest)| {
-        let (subject, name) = start.split_once(' ')?;
-        let subject = SUBJECTS.into_iter().find(|known| *known == subject)?;
-        Some((subject, name, rest))
+        let mut line = json!({ "message": rest });
+        for about in start.split(", ") {
+            let (subject, name) = about.split_once(' ')?;
+            let subject = SUBJECTS.into_iter().find(|known| *known == subject)?;
+            line[subject] = json!(name);
+        }
+        Some(line)
     });
-    match about {
-        Some((subject, name, rest)) => json!({ subject: name, "message": rest }),
-        None => json!({ "message": message }),
-    }
+    about.unwrap_or_else(|| json!({ "message": message }))
 }
 
 #[cfg(test)]
@@ -79,6 +81,11 @@ mod tests {
     fn messages_say_what_they_are_about() {
         for (message, line) in [
             ("job 7f: done: really", json!({ "job": "7f", "message": "done: really" })),
+            (
+                "job 7f, request a, unit 7f.0: done",
+                json!({ "job": "7f", "request": "a", "unit": "7f.0", "message": "done" }),
+            ),
+            ("job 7f, the last: done", json!({ "message": "job 7f, the last: done" })),
             ("request a b: no", json!({ "request": "a b", "message": "no" })),
             ("/a/b: cannot be read", json!({ "message": "/a/b: cannot be read" })),
             ("jobs 7f: many", json!({ "message": "jobs 7f: many" })),

@@ -2,6 +2,7 @@
 
 use crate::service::Service;
 use crate::tokens::{add, send, token};
+use crate::webhooks::{OWN, receiver};
 use crate::{folder, shipped};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -45,7 +46,7 @@ fn named_job(service: &Service, scene: &str, log: &Path) -> String {
     let logged = lines(log, "the job's end", is_done);
     let steps: Vec<&str> = logged
         .iter()
-        .filter(|line| line["job"] == *id)
+        .filter(|line| line["job"] == *id && line["level"] == "info")
         .filter_map(|line| line["message"].as_str()?.split(' ').next())
         .collect();
     assert_eq!((steps.first(), steps.last()), (Some(&"queued"), Some(&"done")), "{steps:?}");
@@ -60,6 +61,57 @@ fn named_job(service: &Service, scene: &str, log: &Path) -> String {
         assert!(has_all && line["message"].is_string(), "{line}");
     }
     id
+}
+
+#[test]
+fn each_step_of_a_job_names_its_request_even_after_a_restart() {
+    const NAME: &str = "nightly-8";
+    let data = folder();
+    let (first, second) = (data.path().join("first"), data.path().join("second"));
+    let options = [&["--log-format", "json"][..], &OWN].concat();
+    let service = Service::start_logging(data.path(), &options, &first);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let (url, calls) = receiver(&[500, 200]);
+    let body = json!({ "scene": scene, "size": "48x48", "spp": 256, "frames": "0..5", "turntable": 60,
+        "webhook": { "url": url, "secret": "a key" } });
+    let named = [("Content-Type", "application/json"), ("X-Request-Id", NAME)];
+    let id = service.send("POST", "/api/v1/jobs", &named, body.to_string().into_bytes()).json();
+    let id = id["id"].as_str().expect("an id").to_owned();
+    let is = |line: &Value, start: &str| {
+        line["job"] == *id && line["message"].as_str().is_some_and(|message| message.starts_with(start))
+    };
+    lines(&first, "the first frame", |line| is(line, "frame"));
+    let steer = |service: &Service, verb: &str| {
+        assert_eq!(service.post(&format!("/api/v1/jobs/{id}/{verb}"), &json!({})).status, 200, "{verb}");
+    };
+    steer(&service, "pause");
+    let before = lines(&first, "the pause", |line| is(line, "paused"));
+    service.kill();
+
+    let service = Service::start_logging(data.path(), &options, &second);
+    steer(&service, "resume");
+    service.hashes(&id);
+    for _ in 0..2 {
+        calls.recv_timeout(crate::service::PATIENCE).expect("a call");
+    }
+    lines(&second, "the call", |line| is(line, "delivered"));
+    assert_eq!(service.send("DELETE", &format!("/api/v1/jobs/{id}"), &[], Vec::new()).status, 204);
+    let after = lines(&second, "the end", |line| is(line, "deleted"));
+    let steps = [
+        (&before, &["queued", "running", "given to worker", "unit", "frame", "paused"][..]),
+        (&after, &["given to worker", "unit", "frame", "done", "call 1 has failed", "delivered", "deleted"]),
+    ];
+    for (log, starts) in steps {
+        for start in starts {
+            assert!(log.iter().any(|line| is(line, start)), "{start}: {log:?}");
+        }
+    }
+    for line in before.iter().chain(&after).filter(|line| line["job"] == *id) {
+        assert_eq!(line["request"], NAME, "{line}");
+        let message = line["message"].as_str().expect("a message");
+        assert_eq!(line["unit"].is_string(), message.starts_with("given"), "{line}");
+        assert_eq!(line["delivery"].is_string(), message.contains("call"), "{line}");
+    }
 }
 
 #[test]

@@ -14,6 +14,8 @@ mod service;
 mod tenants;
 mod tls;
 mod tokens;
+#[cfg(feature = "otel")]
+mod traces;
 #[path = "../cli/viewer.rs"]
 mod viewer;
 mod webhooks;

@@ -14,13 +14,13 @@ use std::time::{Duration, Instant, SystemTime};
 use ureq::Agent;
 
 /// Lets the service call this machine.
-const OWN: [&str; 2] = ["--webhook-network", "127.0.0.1"];
+pub const OWN: [&str; 2] = ["--webhook-network", "127.0.0.1"];
 
 /// A call that was received: headers by lower-case name, and the body.
-type Call = (BTreeMap<String, String>, Vec<u8>);
+pub type Call = (BTreeMap<String, String>, Vec<u8>);
 
 /// Receives calls and answers them with these codes, one after another.
-fn receiver(codes: &'static [u16]) -> (String, Receiver<Call>) {
+pub fn receiver(codes: &'static [u16]) -> (String, Receiver<Call>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("http://{}/hook", listener.local_addr().expect("an address"));
     let (send, receive) = channel();

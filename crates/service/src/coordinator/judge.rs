@@ -42,6 +42,7 @@ impl Runner {
         let second = parties.get(1).filter(|second| second.digest == own);
         let second = second.map_or_else(|| HOME.to_owned(), |second| second.key.clone());
         self.ledger.end_comparison(&job.id, row, [first.key.clone(), second])?;
+        log::debug!("{}, unit {id}: compared: its sums are those of this process, too", job.subject());
         self.state().remove(id);
         Ok(())
     }

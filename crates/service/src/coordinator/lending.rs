@@ -174,8 +174,14 @@ impl Runner {
                 if is_again {
                     metrics::counter!("raystream_redeliveries_total").increment(1);
                 }
+                let (unit, times) = (Arc::clone(&unit.unit), unit.deliveries);
                 state.workers.lent(key, is_again);
-                Arc::clone(&unit.unit)
+                log::debug!(
+                    "{}: given to worker {} (the {times}. time)",
+                    state.subject(&id),
+                    state.workers.label(key)
+                );
+                unit
             }
         };
         let token = self.token(&unit.id, key);
@@ -291,7 +297,8 @@ impl Runner {
         for (id, key) in lost {
             metrics::counter!("raystream_units_offered_again_total").increment(1);
             let mut state = self.state();
-            log::info!("unit {id}: worker {} has gone; others may have it", state.workers.label(&key));
+            let label = state.workers.label(&key);
+            log::info!("{}: worker {label} has gone; others may have it", state.subject(&id));
             let Some(unit) = state.outstanding.get_mut(&id) else { continue };
             unit.lost.insert(key.clone());
             unit.losses += 1;
@@ -325,7 +332,7 @@ impl Runner {
     fn fail_job(&self, id: &UnitId, what: &str) {
         let active = &[JobState::Queued, JobState::Running];
         let told = format!("a unit of frame {} {what}", id.frame);
-        log::warn!("job {}: {told}", id.job);
+        log::warn!("{}: {told}", self.state().subject(id));
         let failed = self.ledger.set_state(&id.job, active, JobState::Failed, Some(told));
         failed.map(drop).unwrap_or_else(|error| log::warn!("job {}: {error}", id.job));
     }
@@ -350,6 +357,13 @@ impl Runner {
 }
 
 impl State {
+    /// A unit, its job and the request that submitted it, as lines of the log begin.
+    pub fn subject(&self, id: &UnitId) -> String {
+        let run = self.runs.get(&id.job);
+        let job = run.map_or_else(|| format!("job {}", id.job), |run| run.job.subject());
+        format!("{job}, unit {id}")
+    }
+
     /// Takes all units from a worker. Returns which.
     fn release(&mut self, key: &str) -> Vec<UnitId> {
         let mut released = Vec::new();

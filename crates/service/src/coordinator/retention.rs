@@ -66,9 +66,10 @@ impl Runner {
     }
 
     fn expire_job(&self, id: &str, why: &str) -> Result<(), LedgerError> {
+        let Some(job) = self.ledger.job(id)? else { return Ok(()) };
         if self.ledger.delete_job(id)? == Deleted::Gone {
             metrics::counter!("raystream_expired_jobs_total").increment(1);
-            log::info!("job {id}: deleted: {why}");
+            log::info!("{}: deleted: {why}", job.subject());
         }
         Ok(())
     }

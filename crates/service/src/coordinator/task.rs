@@ -146,15 +146,15 @@ impl Runner {
             Err(Failure::Stopped) => false,
             Err(Failure::Disk(error)) => {
                 self.trouble.note(&error);
-                log::debug!("job {}: {error}; the next try is in {} s", job.id, NAP.as_secs());
+                log::debug!("{}: {error}; the next try is in {} s", job.subject(), NAP.as_secs());
                 true
             }
             Err(Failure::Job(error)) => {
-                log::warn!("job {}: {error}", job.id);
+                log::warn!("{}: {error}", job.subject());
                 let active = &[JobState::Queued, JobState::Running];
                 self.stop_job(&job.id);
                 let failed = self.ledger.set_state(&job.id, active, JobState::Failed, Some(error));
-                failed.inspect_err(|error| log::warn!("job {}: {error}", job.id)).is_err()
+                failed.inspect_err(|error| log::warn!("{}: {error}", job.subject())).is_err()
             }
         }
     }

@@ -186,12 +186,14 @@ impl Runner {
                 return ResultReply::Later;
             }
             let mut state = self.state();
+            log::debug!("{}: compared: its sums are those of worker {}, too", state.subject(id), name);
             state.remove(id);
             state.workers.returned(key);
         } else {
             let mut state = self.state();
             log::error!(
-                "unit {id}: workers {} and {} disagree",
+                "{}: compared: workers {} and {} disagree",
+                state.subject(id),
                 state.workers.label(&first.key),
                 state.workers.label(&second.key)
             );
@@ -235,8 +237,8 @@ impl Runner {
             return;
         }
         metrics::counter!("raystream_units_total", "result" => "failed").increment(1);
-        log::warn!("unit {id}: worker {label}: {error}");
-        unit.failed.push((key.to_owned(), error));
+        unit.failed.push((key.to_owned(), error.clone()));
+        log::warn!("{}: worker {label}: {error}", state.subject(&id));
         state.settle(key);
         self.ring(&mut state);
         drop(state);

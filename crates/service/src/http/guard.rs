@@ -26,10 +26,11 @@ const HEADERS: [(&str, &str); 5] = [
 ];
 
 /// Refuses requests that a foreign page or a foreign name leads here, and counts all.
-pub async fn origin(Given(state): Given<State>, request: Request, next: Next) -> Response {
+pub async fn origin(Given(state): Given<State>, mut request: Request, next: Next) -> Response {
     let (began, method) = (Instant::now(), request.method().clone());
     let path = request.uri().path().chars().take(MOST_PATH).collect();
     let asked = Asked { id: request_id(request.headers()), peer: peer(&request), path };
+    request.extensions_mut().insert(RequestId(asked.id.clone()));
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
     let mut response = match check_names(&state, request.uri(), request.headers()) {
         Ok(()) => next.run(request).await,
@@ -62,6 +63,10 @@ pub async fn origin(Given(state): Given<State>, request: Request, next: Next) ->
 
 /// The header with the name of a request: the client's own, or one that is drawn.
 const REQUEST_ID: &str = "x-request-id";
+
+/// The name of a request, as handlers find it.
+#[derive(Clone, Debug)]
+pub struct RequestId(pub String);
 
 /// Characters of a path that are written down.
 const MOST_PATH: usize = 200;

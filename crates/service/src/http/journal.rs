@@ -25,6 +25,10 @@ pub fn start(state: State) -> io::Result<JoinHandle<()>> {
                 after = follow(&state, after).unwrap_or(after);
             }
         }
+        if let Err(error) = follow(&state, after) {
+            log::warn!("{error}");
+        }
+        state.traces().end();
     })
 }
 
@@ -36,6 +40,7 @@ fn follow(state: &State, mut after: i64) -> Result<i64, LedgerError> {
             // It may have been deleted meanwhile.
             if let Some(job) = state.ledger().job(&step.job)? {
                 tell(step, &job);
+                state.traces().step(state.ledger(), step, &job)?;
             }
             after = step.seq;
         }
@@ -47,12 +52,12 @@ fn follow(state: &State, mut after: i64) -> Result<i64, LedgerError> {
 
 fn tell(step: &Event, job: &Job) {
     let Event { kind, data, .. } = step;
-    let (id, tenant) = (&job.id, &job.tenant);
+    let (subject, tenant) = (job.subject(), &job.tenant);
     let more = if data == "{}" { String::new() } else { format!(" {data}") };
     match kind.as_str() {
         // A unit or frame at a time.
-        "unit" | "frame" => log::debug!("job {id}: {kind}{more}"),
-        _ => log::info!("job {id}: {kind} (tenant {tenant}){more}"),
+        "unit" | "frame" => log::debug!("{subject}: {kind}{more}"),
+        _ => log::info!("{subject}: {kind} (tenant {tenant}){more}"),
     }
     let Ok(ended) = kind.parse::<JobState>() else { return };
     if ended.has_ended() {

@@ -18,6 +18,7 @@ mod route;
 mod routes;
 mod server;
 mod state;
+mod traces;
 mod webhook;
 
 pub use auth::{AuthError, TOKEN_FILE};

@@ -4,6 +4,7 @@ use super::auth::{Auth, AuthError};
 use super::connections::{Admission, Connections, room_for};
 use super::reach::Reach;
 use super::state::{Inner, State};
+use super::traces::Traces;
 use super::{journal, measurements, roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
@@ -169,6 +170,8 @@ pub fn run(
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
     let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
+    let tls_of_calls = roots::tls(ca.as_deref())?;
+    let traces = Traces::of_environment(&tls_of_calls)?;
     let runner = Runner::start(record, Arc::clone(&backend), limits, farm)?;
     let state = State::new(Inner {
         auth,
@@ -185,16 +188,18 @@ pub fn run(
         connections: Arc::new(Connections::new(room_for(limits.connections))),
         metrics,
         audit: AuditLog::new(&data),
+        traces,
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });
     let runtime = runtime()?;
-    let _calls = webhook::start(state.clone(), roots::tls(ca.as_deref())?, reach)?;
-    let _steps = journal::start(state.clone())?;
+    let _calls = webhook::start(state.clone(), tls_of_calls, reach)?;
+    let steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
     runner.stop();
+    drop(steps.join());
     runtime.shutdown_timeout(GRACE);
     served
 }

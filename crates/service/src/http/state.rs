@@ -3,6 +3,7 @@
 use super::auth::Auth;
 use super::connections::Connections;
 use super::reach::Reach;
+use super::traces::Traces;
 use crate::backend::RenderBackend;
 use crate::contract::{Limits, Problem};
 use crate::coordinator::ledger::Ledger;
@@ -33,6 +34,7 @@ pub(super) struct Inner {
     pub connections: Arc<Connections>,
     pub metrics: PrometheusHandle,
     pub audit: AuditLog,
+    pub traces: Traces,
     pub uploads: Semaphore,
     /// True once the service is to end.
     pub ending: watch::Receiver<bool>,
@@ -113,6 +115,11 @@ impl State {
     /// The record of who did what.
     pub(super) fn audit(&self) -> &AuditLog {
         &self.0.audit
+    }
+
+    /// Spans of jobs.
+    pub(super) fn traces(&self) -> &Traces {
+        &self.0.traces
     }
 
     pub(super) fn uploads(&self) -> &Semaphore {

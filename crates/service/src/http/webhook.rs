@@ -122,7 +122,8 @@ impl Calls {
         let Some(job) = ledger.job(job)? else { return Ok(()) };
         let body = json!({ "id": job.id, "state": job.state, "error": job.error, "ended_ms": job.ended_ms });
         let body = body.to_string();
-        let time = now_ms() / 1000;
+        let began_ms = now_ms();
+        let time = began_ms / 1000;
         let signed = format!("{id}.{time}.{body}");
         let signature = format!("sha256={}", hex(&hmac(hook.secret.as_bytes(), signed.as_bytes())));
         let called = self
@@ -141,9 +142,15 @@ impl Calls {
             }
             Err(error) => (None, Some(reason(&error))),
         };
+        self.state.traces().called(&job, due, began_ms, error.is_some());
+        let subject = format!("delivery {id}, {}", job.subject());
+        match &error {
+            None => log::info!("{subject}: delivered by call {}", attempts + 1),
+            Some(error) => log::info!("{subject}: call {} has failed: {error}", attempts + 1),
+        }
         let gives_up = error.is_some() && attempts + 1 >= MOST_CALLS;
         if gives_up {
-            log::warn!("job {}: {MOST_CALLS} calls of {} have failed; no more are tried", job.id, hook.url);
+            log::warn!("{subject}: {MOST_CALLS} calls of {} have failed; no more are tried", hook.url);
         }
         let result = if error.is_some() { "failed" } else { "delivered" };
         metrics::counter!("raystream_webhook_calls_total", "result" => result).increment(1);

@@ -65,7 +65,8 @@ impl Ledger {
             let demand = serde_json::to_string(&new.demand).expect("a demand is JSON");
             transaction.execute(
                 "INSERT INTO job (id, state, request, request_hash, demand, scene, priority, tenant, created_ms, \
-                 title, labels) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+                 title, labels, request_id, trace_parent) \
+                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
                 params![
                     new.id,
                     new.request,
@@ -76,7 +77,9 @@ impl Ledger {
                     new.tenant,
                     now_ms(),
                     new.title,
-                    json!(new.labels).to_string()
+                    json!(new.labels).to_string(),
+                    new.request_id,
+                    new.trace_parent
                 ],
             )?;
             if let Some(key) = &new.idempotency_key {

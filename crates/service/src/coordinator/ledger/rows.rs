@@ -80,6 +80,10 @@ pub struct Job {
     pub state: JobState,
     /// The request, as JSON.
     pub request: String,
+    /// The name of the request that submitted it; empty if an older raystream took it.
+    pub request_id: String,
+    /// The span that it is a part of, as a `traceparent`; empty if there is none.
+    pub trace_parent: String,
     /// Its cost: pixels, samples and frames.
     pub demand: JobCost,
     /// The SHA-256 of its scene.
@@ -104,7 +108,16 @@ pub struct Job {
 
 impl Job {
     pub(super) const COLUMNS: &str = "seq, id, state, request, demand, scene, priority, created_ms, ended_ms, error, \
-        planned, spent_ms, tenant, began_ms, pinned";
+        planned, spent_ms, tenant, began_ms, pinned, request_id, trace_parent";
+
+    /// The job and the request that submitted it, as lines of the log begin.
+    pub fn subject(&self) -> String {
+        let Self { id, request_id, .. } = self;
+        match &**request_id {
+            "" => format!("job {id}"),
+            request => format!("job {id}, request {request}"),
+        }
+    }
 
     pub(super) fn of(row: &Row<'_>) -> rusqlite::Result<Self> {
         let text = |column: usize| row.get::<_, String>(column);
@@ -128,6 +141,8 @@ impl Job {
             tenant: text(12)?,
             began_ms: row.get(13)?,
             is_pinned: row.get(14)?,
+            request_id: row.get(15)?,
+            trace_parent: row.get(16)?,
         })
     }
 }
@@ -146,6 +161,10 @@ pub struct NewJob {
     pub tenant: String,
     /// The request, as JSON.
     pub request: String,
+    /// The name of the request.
+    pub request_id: String,
+    /// The span that it is a part of, as a `traceparent`; empty if there is none.
+    pub trace_parent: String,
     /// The SHA-256 of what its pictures depend on.
     pub request_hash: String,
     /// Its cost: pixels, samples and frames.

@@ -8,8 +8,19 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 9] =
-    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES, RETENTION];
+const MIGRATIONS: [&str; 11] = [
+    FIRST,
+    UNITS_OF_PASSES,
+    STRANGERS,
+    TOKENS,
+    TENANTS,
+    QUOTAS,
+    TITLES,
+    DELIVERIES,
+    RETENTION,
+    REQUESTS,
+    TRACES,
+];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -259,6 +270,12 @@ const RETENTION: &str = "
     ) WITHOUT ROWID;
     CREATE INDEX job_scene ON job (scene, tenant);
 ";
+
+/// Jobs name the request that submitted them.
+const REQUESTS: &str = "ALTER TABLE job ADD COLUMN request_id TEXT NOT NULL DEFAULT '';";
+
+/// Jobs name the span that they are a part of.
+const TRACES: &str = "ALTER TABLE job ADD COLUMN trace_parent TEXT NOT NULL DEFAULT '';";
 
 /// The version of the tables that are there; 0 if there are none.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, LedgerError> {

@@ -10,6 +10,8 @@ fn new(id: &str, key: Option<&str>) -> NewJob {
         id: id.into(),
         tenant: "t".into(),
         request: "{}".into(),
+        request_id: "r".into(),
+        trace_parent: String::new(),
         request_hash: format!("hash of {}", &id[..1]),
         demand: JobCost::new((4, 4), 8, Some(2), StopRule::Samples),
         scene: "s".into(),
@@ -326,6 +328,7 @@ fn what_there_was_before_tenants_is_the_first_tokens() {
         .expect("rows");
     drop(connection);
     let ledger = Ledger::open(folder.path()).expect("it is brought up to date");
+    assert_eq!(ledger.job("a1").expect("a ledger").expect("a job").subject(), "job a1");
     let of = |tenant: &str| JobFilter { tenant: Some(tenant.into()), ..JobFilter::default() };
     for (tenant, count) in [("admin", 1), ("other", 0)] {
         assert_eq!(ledger.jobs(&of(tenant), None, 9).expect("jobs").len(), count, "{tenant}");

@@ -130,6 +130,7 @@ impl Ledger {
             }
             let insert = "INSERT OR IGNORE INTO contributor (job, frame, worker) VALUES (?1, ?2, ?3)";
             transaction.execute(insert, params![job, frame, worker])?;
+            let is_compared = blocks.is_some();
             if let Some(blocks) = blocks {
                 let list: Vec<u8> = blocks.iter().flat_map(|block| block.to_le_bytes()).collect();
                 transaction.execute(
@@ -141,7 +142,7 @@ impl Ledger {
             let totals = totals(transaction, &job)?;
             let data = json!({
                 "frame": frame, "pass": pass, "number": number, "worker": name, "rendering": rendering,
-                "progress": totals,
+                "compared": is_compared, "progress": totals,
             });
             note(transaction, &job, "unit", &data)?;
             Ok(true)

@@ -9,10 +9,12 @@ use crate::coordinator::ledger::{
 use crate::coordinator::results::PICTURE;
 use crate::coordinator::{JobRequest, parse_priority};
 use crate::http::caller::{Caller, over_quota};
+use crate::http::guard::RequestId;
 use crate::http::state::State;
+use crate::http::traces;
 use axum::Json;
 use axum::body::Body;
-use axum::extract::{Path, Query, State as Given};
+use axum::extract::{Extension, Path, Query, State as Given};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use raystream::schedule::Priority;
@@ -33,13 +35,21 @@ const MOST_KEY_BYTES: usize = 200;
 pub async fn submit(
     Given(state): Given<State>,
     caller: Caller,
+    Extension(RequestId(request_id)): Extension<RequestId>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
     let request: JobRequest = body::json(&state, &headers, body).await?;
+    let origin = Origin { request_id, trace_parent: traces::parent(&headers) };
     let key = idempotency_key(&headers)?;
     let fresh = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == "no-cache");
-    state.blocking(move |state| accept(state, &caller, request, key, fresh)).await
+    state.blocking(move |state| accept((state, &caller), (request, origin), key, fresh)).await
+}
+
+/// What a job comes from: the name of the request, and the span that it is a part of.
+struct Origin {
+    request_id: String,
+    trace_parent: String,
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
@@ -70,9 +80,8 @@ fn check(state: &State, caller: &Caller, request: &mut JobRequest) -> Result<(Pr
 
 /// Checks a request and writes it into the ledger.
 fn accept(
-    state: &State,
-    caller: &Caller,
-    mut request: JobRequest,
+    (state, caller): (&State, &Caller),
+    (mut request, origin): (JobRequest, Origin),
     idempotency_key: Option<String>,
     is_fresh: bool,
 ) -> Result<Response, Problem> {
@@ -103,6 +112,8 @@ fn accept(
         quotas: caller.quotas(),
         shared_after,
         request: serde_json::to_string(&request).expect("a request is JSON"),
+        request_id: origin.request_id,
+        trace_parent: origin.trace_parent,
         title: request.title.unwrap_or_default(),
         labels: request.labels,
         request_hash,
@@ -410,11 +421,11 @@ pub async fn delete(
 ) -> Result<StatusCode, Problem> {
     state
         .blocking(move |state| {
-            caller.job(state, &id)?;
+            let subject = caller.job(state, &id)?.subject();
             let conflict = |detail: String| Problem::new(StatusCode::CONFLICT, detail);
             match state.runner().delete_job(&id)? {
                 Deleted::Gone => {
-                    log::info!("job {id}: deleted by {}", caller.name());
+                    log::info!("{subject}: deleted by {}", caller.name());
                     Ok(StatusCode::NO_CONTENT)
                 }
                 Deleted::Missing => Err(Problem::missing(format!("job {id:?}"))),

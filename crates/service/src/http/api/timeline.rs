@@ -217,6 +217,8 @@ mod tests {
             id: "a1".into(),
             state: JobState::Done,
             request: "{}".into(),
+            request_id: String::new(),
+            trace_parent: String::new(),
             demand: JobCost::new((64, 32), 8, Some(1), StopRule::Samples),
             scene: "s".into(),
             priority: Priority::Normal,
