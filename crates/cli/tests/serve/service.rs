@@ -84,24 +84,26 @@ impl Service {
 
     /// Starts a service whose first token is not in its folder, and waits until it listens.
     pub fn start_with_token(data: &Path, token: &str) -> Self {
-        Self::launch(&["serve"], data, &[], (Some(token), None)).expect("the service listens")
+        Self::launch(&["serve"], data, &[], (Some(token), None), &[]).expect("the service listens")
     }
 
     /// Starts a service whose messages go to a file, and waits until it listens.
     pub fn start_logging(data: &Path, options: &[&str], log: &Path) -> Self {
-        Self::launch(&["serve"], data, options, (None, Some(log))).expect("the service listens")
+        Self::launch(&["serve"], data, options, (None, Some(log)), &[]).expect("the service listens")
     }
 
     /// The same for another command that is a service.
     pub fn run(command: &[&str], data: &Path, options: &[&str]) -> Option<Self> {
-        Self::launch(command, data, options, (None, None))
+        Self::launch(command, data, options, (None, None), &[])
     }
 
-    fn launch(
+    /// The same with its token if that is not in the folder, a file for its messages, and variables of its environment.
+    pub fn launch(
         command: &[&str],
         data: &Path,
         options: &[&str],
         (token, log): (Option<&str>, Option<&Path>),
+        variables: &[(&str, &str)],
     ) -> Option<Self> {
         let errors =
             log.map_or_else(Stdio::inherit, |path| Stdio::from(std::fs::File::create(path).expect("a file")));
@@ -109,6 +111,7 @@ impl Service {
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])
             .env("RUST_LOG", if log.is_some() { "info" } else { "warn" })
+            .envs(variables.iter().copied())
             .args(command)
             .args(["--listen", "127.0.0.1:0", "--tracer", "cpu", "--unit-samples", "1000", "--data"])
             .arg(data)

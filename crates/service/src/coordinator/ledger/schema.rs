@@ -8,8 +8,8 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 9] =
-    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES, RETENTION];
+const MIGRATIONS: [&str; 10] =
+    [FIRST, UNITS_OF_PASSES, STRANGERS, TOKENS, TENANTS, QUOTAS, TITLES, DELIVERIES, RETENTION, STORAGE];
 
 const FIRST: &str = "
     CREATE TABLE job (
@@ -258,6 +258,15 @@ const RETENTION: &str = "
         PRIMARY KEY (kind, name)
     ) WITHOUT ROWID;
     CREATE INDEX job_scene ON job (scene, tenant);
+";
+
+/// Pictures are objects of a storage, with their sums. The storage has a name, by which it is known again.
+const STORAGE: &str = "
+    ALTER TABLE frame ADD COLUMN objects TEXT;
+    CREATE TABLE storage (
+        name TEXT NOT NULL,
+        is_claimed INTEGER NOT NULL DEFAULT 0
+    );
 ";
 
 /// The version of the tables that are there; 0 if there are none.
