@@ -127,11 +127,19 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 
 /// Sends a request to the storage, without any token. Redirects are not followed.
 fn plain(method: &str, url: &str, token: Option<&str>, body: &[u8]) -> Answer {
+    plain_with(method, url, token, None, body)
+}
+
+/// The same with the sum of what is written.
+fn plain_with(method: &str, url: &str, token: Option<&str>, sum: Option<&str>, body: &[u8]) -> Answer {
     let config =
         Agent::config_builder().http_status_as_error(false).max_redirects(0).max_redirects_will_error(false);
     let mut request = Request::builder().method(method).uri(url);
     if let Some(token) = token {
         request = request.header("Authorization", format!("Bearer {token}"));
+    }
+    if let Some(sum) = sum {
+        request = request.header("x-amz-checksum-sha256", sum);
     }
     let agent = config.build().new_agent();
     let answer = if body.is_empty() {
@@ -326,15 +334,21 @@ fn scenes_are_written_to_addresses_and_taken_in_when_they_are_right() {
     let address = ask(&ann, &scene, "address").json();
     let url = address["url"].as_str().expect("an address");
     assert_eq!((&address["method"], &address["expires_s"]), (&json!("PUT"), &json!(900)));
-    assert_eq!(address["headers"]["Content-Length"], scene.len().to_string());
-    assert_eq!(plain("PUT", url, None, &scene[1..]).status, 403, "another size");
+    let sum = address["headers"]["x-amz-checksum-sha256"].as_str().expect("a sum");
+    assert_eq!(plain("PUT", url, None, &scene).status, 403, "without its sum");
     assert_eq!(plain("GET", url, None, b"").status, 403, "it is for writing");
     let other: Vec<u8> = scene.iter().map(u8::to_ascii_uppercase).collect();
-    assert_eq!(plain("PUT", url, None, &other).status, 200, "the storage does not know");
+    assert_eq!(plain_with("PUT", url, None, Some(sum), &other).status, 400, "the sum is another");
+    assert_eq!(ask(&ann, &scene, "take").status, 409, "nothing was written");
+    let write = || assert_eq!(plain_with("PUT", url, None, Some(sum), &scene).status, 200);
+    write();
+    // A storage that changes what it was given.
+    let written = server.objects("uploads");
+    std::fs::write(server.object(&written[0]), &other).expect("a file");
     let refused = ask(&ann, &scene, "take");
     assert!(refused.status == 422 && detail(&refused).contains("SHA-256"), "{}", refused.json());
     assert_eq!(ask(&ann, &scene, "take").status, 409, "it is not kept");
-    assert_eq!(plain("PUT", url, None, &scene).status, 200);
+    write();
     assert_eq!(ask(&bob, &scene, "take").status, 409, "it is another's");
     let taken = ask(&ann, &scene, "take");
     assert_eq!((taken.status, &taken.json()["sha256"]), (201, &json!(sha256(&scene))));
@@ -349,8 +363,9 @@ fn scenes_are_written_to_addresses_and_taken_in_when_they_are_right() {
 
     // What an upload may not be, this may not be.
     let noise = b"MZ no scene".to_vec();
-    let url = ask(&ann, &noise, "address").json()["url"].as_str().expect("an address").to_owned();
-    assert_eq!(plain("PUT", &url, None, &noise).status, 200);
+    let address = ask(&ann, &noise, "address").json();
+    let (url, sum) = (address["url"].as_str(), address["headers"]["x-amz-checksum-sha256"].as_str());
+    assert_eq!(plain_with("PUT", url.expect("an address"), None, sum, &noise).status, 200);
     assert_eq!(ask(&ann, &noise, "take").status, 415);
     assert_eq!(ask(&ann, &vec![b'{'; (1 << 20) + 1], "address").status, 413);
     assert_eq!(ask(&ann, b"", "address").status, 422);

@@ -6,6 +6,8 @@ use super::results::PICTURE;
 use super::storage::{ObjectSum, Storage, StorageError};
 use super::store::{Store, Upload};
 use crate::contract::{Limits, Problem, failpoint, hex, refused};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -198,7 +200,7 @@ impl Store {
         Ok(self.discard(&self.scene_folder(sha256))?)
     }
 
-    /// The address to which a tenant may write a scene of so many bytes.
+    /// The address to which a tenant may write a scene of so many bytes, and its SHA-256 in base 64.
     ///
     /// # Errors
     /// If the storage refuses.
@@ -207,9 +209,12 @@ impl Store {
         tenant: &str,
         sha256: &str,
         bytes: u64,
-    ) -> Result<Option<String>, StorageError> {
+    ) -> Result<Option<(String, String)>, StorageError> {
         let Some(storage) = self.storage() else { return Ok(None) };
-        storage.sign(&upload_name(tenant, sha256, bytes), Some(bytes)).map(Some)
+        let digits = sha256.as_bytes().chunks(2).filter_map(|two| std::str::from_utf8(two).ok());
+        let sum: Vec<u8> = digits.filter_map(|two| u8::from_str_radix(two, 16).ok()).collect();
+        let sum = BASE64_STANDARD.encode(sum);
+        Ok(Some((storage.sign(&upload_name(tenant, sha256, bytes), Some(&sum))?, sum)))
     }
 
     /// True if a tenant has written so many bytes to such an address.

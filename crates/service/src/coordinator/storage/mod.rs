@@ -27,6 +27,9 @@ use std::time::{Duration, Instant, SystemTime};
 /// Bytes of a request to the storage: longer objects go and come in several.
 const PART: u64 = 8 << 20;
 
+/// The header by which the storage knows the SHA-256 of what is written to an address, in base 64.
+pub const SUM_HEADER: &str = "x-amz-checksum-sha256";
+
 /// The object that names the ledger.
 const OWNER: &str = "owner";
 
@@ -116,8 +119,8 @@ trait Objects: Send + Sync {
     fn delete(&self, name: &str) -> Result<(), ObjectError>;
     /// The names under a folder, each with the time at which it was written.
     fn list(&self, folder: &str) -> Result<Vec<(String, SystemTime)>, ObjectError>;
-    /// An address by which whoever knows it may read an object, or write one of so many bytes, for a while.
-    fn sign(&self, name: &str, written: Option<u64>, expiry: Duration) -> Result<String, ObjectError>;
+    /// An address by which whoever knows it may read an object, or write the one of a SHA-256 in base 64, for a while.
+    fn sign(&self, name: &str, written: Option<&str>, expiry: Duration) -> Result<String, ObjectError>;
 }
 
 /// Why an object cannot be read or written.
@@ -369,11 +372,12 @@ impl Storage {
         self.told(folder, self.objects.list(folder))
     }
 
-    /// An address by which whoever knows it may read an object, or write one of so many bytes, for a while.
+    /// An address by which whoever knows it may read an object, or write the one of a SHA-256 in base 64 that is sent as
+    /// [`SUM_HEADER`], for a while.
     ///
     /// # Errors
     /// If there are no credentials.
-    pub fn sign(&self, name: &str, written: Option<u64>) -> Result<String, StorageError> {
+    pub fn sign(&self, name: &str, written: Option<&str>) -> Result<String, StorageError> {
         self.check_owner()?;
         self.told(name, self.objects.sign(name, written, self.options.expiry))
     }

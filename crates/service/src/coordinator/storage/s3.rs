@@ -1,7 +1,7 @@
 //! S3 and what speaks its protocol.
 
-use super::{ObjectError, Objects, PART, StorageOptions};
-use axum::http::{Method, Uri, header};
+use super::{ObjectError, Objects, PART, SUM_HEADER, StorageOptions};
+use axum::http::{HeaderName, HeaderValue, Method, Uri};
 use futures_util::TryStreamExt;
 use object_store::aws::{AmazonS3, AmazonS3Builder};
 use object_store::path::Path;
@@ -195,13 +195,15 @@ impl Objects for Bucket {
         Ok(found.iter().filter_map(|meta| Some((name(&meta.location)?, meta.last_modified.into()))).collect())
     }
 
-    fn sign(&self, name: &str, written: Option<u64>, expiry: Duration) -> Result<String, ObjectError> {
+    fn sign(&self, name: &str, written: Option<&str>, expiry: Duration) -> Result<String, ObjectError> {
         let path = self.path(name);
         let url = match written {
             None => self.wait(self.store.signed_url(Method::GET, &path, expiry))?,
-            Some(bytes) => {
+            Some(sum) => {
+                let sum =
+                    HeaderValue::from_str(sum).map_err(|error| ObjectError::Refused(error.to_string()))?;
                 let options =
-                    SignedUrlOptions::new().with_signed_header(header::CONTENT_LENGTH, bytes.into());
+                    SignedUrlOptions::new().with_signed_header(HeaderName::from_static(SUM_HEADER), sum);
                 self.wait(self.store.signed_url_opts(Method::PUT, &path, expiry, &options))?
             }
         };

@@ -3,6 +3,7 @@
 use super::body::{self, Pieces};
 use crate::contract::{self, Problem};
 use crate::coordinator::ledger::Charge;
+use crate::coordinator::storage::SUM_HEADER;
 use crate::coordinator::store::Upload;
 use crate::http::caller::Caller;
 use crate::http::state::State;
@@ -131,9 +132,9 @@ pub async fn address(
     state
         .blocking(move |state| {
             let storage = state.store().storage().ok_or_else(no_storage)?;
-            let url = state.store().upload_address(caller.tenant(), &sha256, bytes)?;
-            let expires_s = storage.options().expiry.as_secs();
-            let headers = json!({ "Content-Length": bytes.to_string() });
+            let address = state.store().upload_address(caller.tenant(), &sha256, bytes)?;
+            let (url, sum) = address.ok_or_else(no_storage)?;
+            let (expires_s, headers) = (storage.options().expiry.as_secs(), json!({ SUM_HEADER: sum }));
             Ok(Json(json!({ "method": "PUT", "url": url, "headers": headers, "expires_s": expires_s })))
         })
         .await
