@@ -293,8 +293,8 @@ impl Storage {
         self.told(name, self.objects.put(name, file, bytes, media))
     }
 
-    /// Reads an object piece by piece, and compares it with what was written. The pieces are of no use before it returns
-    /// without an error.
+    /// Reads an object piece by piece, and compares it with what was written. The pieces are of no use before it
+    /// returns without an error.
     ///
     /// # Errors
     /// If the storage refuses, or the object is not what was written; those of `take`.
@@ -373,8 +373,8 @@ impl Storage {
         self.told(folder, self.objects.list(folder))
     }
 
-    /// An address by which whoever knows it may read an object for a while, or write the one of a SHA-256 in base 64 that
-    /// is sent as [`SUM_HEADER`].
+    /// An address by which whoever knows it may read an object for a while, or write the one of a SHA-256 in base 64
+    /// that is sent as [`SUM_HEADER`].
     ///
     /// # Errors
     /// If there are no credentials.
