@@ -10,6 +10,8 @@ mod loaded;
 mod quotas;
 mod refusals;
 mod retention;
+#[cfg(feature = "s3")]
+mod s3;
 mod service;
 mod tenants;
 mod tls;

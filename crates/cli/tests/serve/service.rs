@@ -103,7 +103,8 @@ impl Service {
         Self::launch(command, data, options, (None, None), &[])
     }
 
-    fn launch(
+    /// The same with its token if that is not in the folder, a file for its messages, and variables of its environment.
+    pub fn launch(
         command: &[&str],
         data: &Path,
         options: &[&str],

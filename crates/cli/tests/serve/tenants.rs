@@ -107,6 +107,7 @@ fn attempts(route: &str, method: &str, operation: &Value, victim: &Victim) -> Ve
                 ("0.npy", "0.npy"),
                 ("depth.npy", "depth.npy"),
                 ("0.png?exposure=1", "0.png?exposure=1"),
+                ("0.exr?redirect=true", "0.exr?redirect=true"),
             ],
             "frame" => &[("0", "0"), ("1", "1")],
             "key" => &[("ann", "nobody")],

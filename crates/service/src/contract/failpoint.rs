@@ -13,7 +13,7 @@ pub struct Failpoint {
 static CHOSEN: OnceLock<Failpoint> = OnceLock::new();
 
 /// The places.
-const PLACES: [&str; 12] = [
+const PLACES: [&str; 15] = [
     "before-commit",
     "after-commit",
     "film-written",
@@ -25,6 +25,9 @@ const PLACES: [&str; 12] = [
     "unit-rendered",
     "result-sent",
     "job-deleted",
+    "pictures-stored",
+    "scene-stored",
+    "objects-deleted",
     "folder-moved",
 ];
 

@@ -13,6 +13,7 @@
 mod answers;
 mod audit;
 mod backup;
+pub mod copies;
 mod data_folder;
 pub mod decisions;
 mod files;
@@ -27,6 +28,7 @@ mod request;
 pub mod results;
 mod retention;
 mod secret;
+pub mod storage;
 pub mod store;
 mod task;
 mod thread_clock;
@@ -399,6 +401,7 @@ struct StoredScenes(Arc<Store>);
 
 impl SceneSource for StoredScenes {
     fn scene(&self, sha256: &str, entry: Option<&str>) -> Result<(PathBuf, PathBuf), NoScene> {
+        self.0.present(sha256).map_err(|problem| NoScene::Now(problem.to_string()))?;
         let path = self.0.entry(sha256, entry).map_err(|problem| NoScene::Ever(problem.to_string()))?;
         Ok((path, self.0.scene_folder(sha256)))
     }

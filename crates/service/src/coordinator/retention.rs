@@ -2,14 +2,18 @@
 
 use super::Runner;
 use super::ledger::{Deleted, LedgerError, Leftover};
+use super::storage::StorageError;
 use crate::contract::failpoint;
 use std::fs::File;
-use std::path::Path;
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often is looked for what may go.
 const PAUSE: Duration = Duration::from_secs(1);
+
+/// How often is looked for copies of what lies in the storage, and for objects there that are no one's.
+const EVICT: Duration = Duration::from_secs(5);
+const SWEEP: Duration = Duration::from_secs(86_400);
 
 /// Jobs that are deleted, or whose bytes are counted, before other work of the ledger comes again.
 const AT_ONCE: usize = 200;
@@ -30,15 +34,36 @@ pub struct Retention {
 impl Runner {
     /// The thread that deletes.
     pub(super) fn retain(&self) {
+        let (mut evicted, mut swept) = (None, None);
         while !self.ending.load(SeqCst) {
             let retained = self.expire().and_then(|()| self.remove_leftovers());
             if let Err(error) = retained {
                 self.trouble.note(&error.to_string());
             }
+            self.tidy_storage(&mut evicted, &mut swept);
             let queued = self.queued.lock().expect("no holder panics");
             if !self.ending.load(SeqCst) {
                 drop(self.has_ended.wait_timeout(queued, PAUSE));
             }
+        }
+    }
+
+    /// Removes copies beyond their bound, and objects that are no one's.
+    fn tidy_storage(&self, evicted: &mut Option<Instant>, swept: &mut Option<Instant>) {
+        let is_due = |last: &Option<Instant>, pause| last.is_none_or(|last| last.elapsed() >= pause);
+        if self.store.storage().is_none() || !is_due(evicted, EVICT) {
+            return;
+        }
+        *evicted = Some(Instant::now());
+        let tidied = self.store.evict(&self.scenes_in_use()).and_then(|()| {
+            if is_due(swept, SWEEP) {
+                self.store.sweep()?;
+                *swept = Some(Instant::now());
+            }
+            Ok(())
+        });
+        if let Err(error) = tidied {
+            self.trouble.note(&error.to_string());
         }
     }
 
@@ -54,7 +79,8 @@ impl Runner {
         if let Some(most) = keep_bytes {
             for id in self.ledger.uncounted_jobs(AT_ONCE)? {
                 if self.is_quiet(&id) {
-                    self.ledger.count_bytes(&id, bytes_of(&self.store.job_folder(&id)))?;
+                    let bytes = self.store.bytes_of_job(&id, &self.ledger.frames(&id)?);
+                    self.ledger.count_bytes(&id, bytes)?;
                 }
             }
             for id in self.ledger.jobs_beyond(most)?.into_iter().take(AT_ONCE) {
@@ -88,7 +114,7 @@ impl Runner {
         for leftover in leftovers {
             let removed = match &leftover {
                 Leftover::Job(id) if !self.is_quiet(id) => continue,
-                Leftover::Job(id) => self.store.discard(&self.store.job_folder(id)),
+                Leftover::Job(id) => self.store.discard_job(id),
                 Leftover::Scene(sha256) => self.store.discard_scene(sha256, || {
                     // It may have been uploaded again meanwhile.
                     self.ledger.scene(sha256).is_ok_and(|bytes| bytes.is_none())
@@ -96,7 +122,12 @@ impl Runner {
             };
             match removed {
                 Ok(()) => self.ledger.clear(leftover)?,
-                Err(error) => log::warn!("{leftover:?}: cannot be removed now: {error}"),
+                Err(StorageError::File(error)) => log::warn!("{leftover:?}: cannot be removed now: {error}"),
+                Err(error) => {
+                    // The others would wait for it as long.
+                    self.trouble.note(&error.to_string());
+                    break;
+                }
             }
         }
         Ok(())
@@ -143,15 +174,4 @@ impl Runner {
         }
         Ok(deleted)
     }
-}
-
-/// The bytes of all files of a folder.
-fn bytes_of(folder: &Path) -> u64 {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let bytes = entries.map(|entry| match entry.file_type() {
-        Ok(kind) if kind.is_dir() => bytes_of(&entry.path()),
-        Ok(kind) if kind.is_file() => entry.metadata().map_or(0, |data| data.len()),
-        _ => 0,
-    });
-    bytes.sum()
 }

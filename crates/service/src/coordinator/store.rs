@@ -1,21 +1,30 @@
-//! Scenes on the disk, by the SHA-256 of what was uploaded, and the files of jobs.
+//! Scenes on the disk, by the SHA-256 of what was uploaded, and the files of jobs. With a storage, they are copies of
+//! what lies there (`copies.rs`).
 
 use super::ledger::LedgerError;
+use super::storage::Storage;
 use crate::contract::{Limits, Problem, entry_in, failpoint, hex, inside, refused};
 use axum::http::StatusCode;
 use raystream::files::sync_folder;
 use sha2::{Digest, Sha256};
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 /// The folder that files of the service lie in.
 #[derive(Debug)]
 pub struct Store {
     data: PathBuf,
     /// Held while a scene's folder comes or goes together with its row of the ledger.
-    scenes: Mutex<()>,
+    pub(super) scenes: Mutex<()>,
+    storage: Option<Storage>,
+    /// When scenes of the storage were last used, or came.
+    pub(super) used: Mutex<HashMap<String, Instant>>,
+    /// Held while a scene comes back from the storage.
+    pub(super) restoring: Mutex<()>,
 }
 
 /// An upload whose bytes come one after another.
@@ -69,12 +78,14 @@ impl Passing {
 }
 
 impl Store {
-    /// The folders of a data folder; what an earlier process left half-written is removed.
+    /// The folders of a data folder, and the storage of which they hold copies; what an earlier process left
+    /// half-written is removed.
     ///
     /// # Errors
     /// If the folders cannot be made.
-    pub fn open(data: &Path) -> io::Result<Self> {
-        let store = Self { data: data.to_owned(), scenes: Mutex::default() };
+    pub fn open(data: &Path, storage: Option<Storage>) -> io::Result<Self> {
+        let (scenes, used, restoring) = (Mutex::default(), Mutex::default(), Mutex::default());
+        let store = Self { data: data.to_owned(), scenes, storage, used, restoring };
         if store.temporary().exists() {
             std::fs::remove_dir_all(store.temporary())?;
         }
@@ -88,6 +99,11 @@ impl Store {
     /// The folder of all.
     pub fn data(&self) -> &Path {
         &self.data
+    }
+
+    /// Where finished pictures and uploaded scenes lie, if that is not the data folder alone.
+    pub fn storage(&self) -> Option<&Storage> {
+        self.storage.as_ref()
     }
 
     /// The folder of what is not whole yet.
@@ -114,11 +130,11 @@ impl Store {
         Ok(Upload { file, hash: Sha256::new(), bytes: 0 })
     }
 
-    /// Keeps an upload whose hash is right. A pack is unpacked first. When the scene is on the disk, `note` writes it
-    /// down with the number of bytes: no one removes it meanwhile.
+    /// Keeps an upload whose hash is right. A pack is unpacked first. When the scene is on the disk, and in the storage
+    /// if there is one, `note` writes it down with the number of bytes: no one removes it meanwhile.
     ///
     /// # Errors
-    /// If the hash is another, the pack is damaged or too large, or the disk refuses; those of `note`.
+    /// If the hash is another, the pack is damaged or too large, or the disk or the storage refuses; those of `note`.
     pub fn keep(
         &self,
         upload: Upload,
@@ -132,37 +148,65 @@ impl Store {
             let detail = format!("the body's SHA-256 is {found}, not that of the address; upload it again");
             return Err(Problem::unprocessable(detail));
         }
-        let folder = tempfile::tempdir_in(self.temporary()).map_err(refused)?;
         let mut file = file.into_file();
+        let folder = self.unpacked(&mut file, limits)?;
+        if self.storage.is_some() {
+            self.used
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .insert(sha256.to_owned(), Instant::now());
+        }
+        self.put_scene(sha256, &mut file, bytes)?;
+        failpoint::pass("scene-stored");
+        self.place_scene(folder.path(), sha256, || {
+            // It may have been removed while it came.
+            self.put_scene(sha256, &mut file, bytes)?;
+            Ok(note(bytes)?)
+        })?;
+        Ok(bytes)
+    }
+
+    /// Moves the files of a scene to where they belong, and writes that down. No scene comes or goes meanwhile.
+    pub(super) fn place_scene(
+        &self,
+        folder: &Path,
+        sha256: &str,
+        note: impl FnOnce() -> Result<(), Problem>,
+    ) -> Result<(), Problem> {
+        let _held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = self.scene_folder(sha256);
+        // Another upload of the same bytes may have been faster.
+        if !kept.exists() {
+            let renamed = std::fs::rename(folder, &kept);
+            renamed.or_else(|error| if kept.exists() { Ok(()) } else { Err(error) }).map_err(refused)?;
+        }
+        sync_folder(&self.data.join("scenes")).map_err(refused)?;
+        note()
+    }
+
+    /// Writes the files of a scene into a folder of their own.
+    pub(super) fn unpacked(&self, file: &mut File, limits: &Limits) -> Result<tempfile::TempDir, Problem> {
+        let folder = tempfile::tempdir_in(self.temporary()).map_err(refused)?;
         file.rewind().map_err(refused)?;
         let mut start = Vec::new();
-        (&mut file).take(512).read_to_end(&mut start).map_err(refused)?;
+        Read::by_ref(file).take(512).read_to_end(&mut start).map_err(refused)?;
         file.rewind().map_err(refused)?;
         if start.starts_with(b"PK\x03\x04") {
-            unpack(file, folder.path(), limits)?;
+            unpack(file.try_clone().map_err(refused)?, folder.path(), limits)?;
         } else {
             let extension = kind(&start).ok_or_else(|| {
                 let detail = "the body is neither a GLB, a recipe, nor a zip archive of a scene's files";
                 Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail)
             })?;
             // A recipe, or a glTF file whose buffers are data.
-            let is_gltf = extension == "json" && is_gltf(&mut file).map_err(refused)?;
+            let is_gltf = extension == "json" && is_gltf(file).map_err(refused)?;
             let extension = if is_gltf { "gltf" } else { extension };
             let path = folder.path().join("scene").with_extension(extension);
             let mut kept = File::create(path).map_err(refused)?;
-            io::copy(&mut file, &mut kept).and_then(|_| kept.sync_all()).map_err(refused)?;
+            io::copy(file, &mut kept).and_then(|_| kept.sync_all()).map_err(refused)?;
         }
         sync_folder(folder.path()).map_err(refused)?;
-        let _held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = self.scene_folder(sha256);
-        // Another upload of the same bytes may have been faster.
-        if !kept.exists() {
-            let renamed = std::fs::rename(folder.path(), &kept);
-            renamed.or_else(|error| if kept.exists() { Ok(()) } else { Err(error) }).map_err(refused)?;
-        }
-        sync_folder(&self.data.join("scenes")).map_err(refused)?;
-        note(bytes)?;
-        Ok(bytes)
+        Ok(folder)
     }
 
     /// Removes a folder: first it leaves its place, whole, then its files go.
@@ -178,15 +222,6 @@ impl Store {
         sync_folder(folder.parent().unwrap_or(&self.data))?;
         failpoint::pass("folder-moved");
         away.close()
-    }
-
-    /// Removes the folder of a scene if it is of no use, which is asked while none is uploaded.
-    ///
-    /// # Errors
-    /// If the disk refuses.
-    pub fn discard_scene(&self, sha256: &str, is_useless: impl FnOnce() -> bool) -> io::Result<()> {
-        let _held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
-        if is_useless() { self.discard(&self.scene_folder(sha256)) } else { Ok(()) }
     }
 
     /// Moves an upload of one glTF file into a folder of its own, which is removed with the value.
@@ -208,8 +243,9 @@ impl Store {
     /// The scene file of a pack: the one that is named, or the only one.
     ///
     /// # Errors
-    /// If there is none, or several and none is named.
+    /// If there is none, or several and none is named; if the storage refuses.
     pub fn entry(&self, sha256: &str, name: Option<&str>) -> Result<PathBuf, Problem> {
+        self.present(sha256)?;
         entry_in(&self.scene_folder(sha256), name)
     }
 }
@@ -304,7 +340,7 @@ mod tests {
     #[test]
     fn packs_hold_their_files_and_nothing_leads_out_of_them() {
         let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::open(folder.path()).expect("a store");
+        let store = Store::open(folder.path(), None).expect("a store");
         let limits = Limits { unpacked_bytes: 1000, pack_files: 3, ..Limits::default() };
         let good = pack(&[("a/scene.obj", b"v 0 0 0"), ("a/scene.mtl", b"")]);
         let sha256 = keep(&store, &good, &limits).expect("a pack");

@@ -6,9 +6,11 @@ use super::ledger::{FrameRow, Job, JobState, LedgerError, Pending, UnitRow};
 use super::lending::{Comparison, Party};
 use super::request::JobRequest;
 use super::results::{self, PICTURE};
+use super::storage::StorageError;
 use super::{NAP, Runner, planner};
 use crate::backend::OpenJob;
 use crate::contract::{UnitId, UnitWatch, failpoint};
+use axum::http::StatusCode;
 use raystream::files::sync_folder;
 use raystream::film::Picture;
 use raystream::picture::{RenderSpec, Watch};
@@ -95,6 +97,12 @@ impl From<LedgerError> for Failure {
 impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
         Self::Disk(format!("the data folder cannot be written: {error}"))
+    }
+}
+
+impl From<StorageError> for Failure {
+    fn from(error: StorageError) -> Self {
+        Self::Disk(error.to_string())
     }
 }
 
@@ -190,6 +198,13 @@ impl Runner {
     pub(super) fn open(&self, job: &Job) -> Result<OpenJob, Failure> {
         let request = JobRequest::of(job);
         let request = request.ok_or_else(|| Failure::Job("the ledger's request is not readable".into()))?;
+        // A storage that cannot be used now is no fault of the job.
+        self.store.present(&request.scene).map_err(|problem| match problem.status() {
+            StatusCode::SERVICE_UNAVAILABLE | StatusCode::INSUFFICIENT_STORAGE => {
+                Failure::Disk(problem.to_string())
+            }
+            _ => Failure::Job(problem.to_string()),
+        })?;
         self.open_scene(&request).map_err(Failure::Job)
     }
 
@@ -285,7 +300,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Writes the pictures of a frame and then its row of the ledger.
+    /// Writes the pictures of a frame, also to the storage if there is one, and then its row of the ledger.
     fn finish(
         &self,
         job: &Job,
@@ -313,6 +328,7 @@ impl Runner {
             folder.map_or(Ok(()), sync_folder)?;
             folder = folder.and_then(Path::parent);
         }
+        let objects = self.store.put_pictures(&job.id, frame)?;
         let json = |value: serde_json::Result<String>| value.map_err(|error| Failure::Job(error.to_string()));
         let row = FrameRow {
             number: frame,
@@ -320,6 +336,7 @@ impl Runner {
             hash: Some(picture.hash()),
             layers: Some(json(serde_json::to_string(&picture.layer_hashes()))?),
             metadata: Some(json(serde_json::to_string(&picture.metadata))?),
+            objects,
         };
         // A frame that has begun anew meanwhile is not finished.
         if self.ledger.finish_frame(&job.id, row, round)? { Ok(()) } else { Err(Failure::Stopped) }

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 const FORM: &str = "multipart/form-data";
 
 /// Codes of refusals. A route may answer any of them.
-const REFUSALS: [u16; 13] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 503, 507];
+const REFUSALS: [u16; 14] = [400, 401, 403, 404, 405, 408, 409, 413, 415, 422, 429, 502, 503, 507];
 
 /// `GET /openapi.json`.
 pub async fn document() -> Json<Value> {
@@ -82,6 +82,9 @@ fn operation(route: &Route) -> Value {
 fn success(route: &Route, code: u16) -> Value {
     match code {
         204 | 304 => return json!({ "description": "nothing more" }),
+        307 => {
+            return json!({ "description": "the file in the storage; the body names its bytes and its SHA-256" });
+        }
         101 => return json!({ "description": "a WebSocket" }),
         _ => {}
     }
@@ -101,7 +104,7 @@ fn priorities() -> Value {
 }
 
 /// What answers hold.
-fn answers() -> [(&'static str, Value); 5] {
+fn answers() -> [(&'static str, Value); 6] {
     let text = || json!({ "type": "string" });
     let count = || json!({ "type": "integer", "minimum": 0 });
     let states = json!({ "enum": JobState::ALL.map(JobState::name) });
@@ -119,6 +122,8 @@ fn answers() -> [(&'static str, Value); 5] {
         "pictures": { "type": "array", "items": { "type": "object", "required": ["frame", "name", "hash"] } } } });
     let scene = json!({ "type": "object", "required": ["sha256", "bytes"],
         "properties": { "sha256": text(), "bytes": count() } });
+    let address = json!({ "type": "object", "required": ["method", "url", "headers", "expires_s"],
+        "properties": { "method": text(), "url": text(), "headers": { "type": "object" }, "expires_s": count() } });
     let steered = json!({ "type": "object", "required": ["id", "state"],
         "properties": { "id": text(), "state": states, "kept": { "type": "object" }, "priority": priorities(),
             "pinned": { "type": "boolean" } } });
@@ -133,7 +138,14 @@ fn answers() -> [(&'static str, Value); 5] {
         "status": end.clone(), "error": { "type": ["string", "null"] } } });
     let deliveries = json!({ "type": "object", "required": ["deliveries"],
         "properties": { "deliveries": { "type": "array", "items": delivery } } });
-    [("Job", job), ("Scene", scene), ("Steered", steered), ("Caller", caller), ("Deliveries", deliveries)]
+    [
+        ("Job", job),
+        ("Scene", scene),
+        ("UploadAddress", address),
+        ("Steered", steered),
+        ("Caller", caller),
+        ("Deliveries", deliveries),
+    ]
 }
 
 fn schemas() -> Value {
@@ -154,6 +166,7 @@ fn requests() -> Value {
         })
     };
     json!({
+        "Size": object(&["bytes"], json!({ "bytes": { "type": "integer", "minimum": 1 } })),
         "Login": object(&["token"], json!({ "token": text() })),
         "Priority": object(&["priority"], json!({ "priority": priorities() })),
         "Webhook": object(&["url", "secret"], json!({ "url": text(), "secret": text() })),

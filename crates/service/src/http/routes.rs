@@ -86,12 +86,12 @@ fn of_jobs() -> [Route; 16] {
         ),
         Route::get(
             "/api/v1/jobs/{id}/frames/{file}",
-            "A picture: FRAME.png, .exr, .npz or .npy",
+            "A picture: FRAME.png, .exr, .npz or .npy; 307 to the storage if `redirect` asks for it and there is one",
             results::picture,
         )
-        .codes(&[200, 304])
+        .codes(&[200, 304, 307])
         .media(PICTURES)
-        .query(&[("view", "string", false), ("exposure", "string", false)]),
+        .query(&[("view", "string", false), ("exposure", "string", false), ("redirect", "boolean", false)]),
         Route::get(
             "/api/v1/jobs/{id}/frames/{frame}/{file}",
             "A layer of a frame: LAYER.npy",
@@ -122,7 +122,7 @@ fn of_farms() -> [Route; 5] {
     ]
 }
 
-fn of_scenes() -> [Route; 5] {
+fn of_scenes() -> [Route; 7] {
     [
         Route::get(
             "/api/v1/scenes/{sha256}",
@@ -138,6 +138,21 @@ fn of_scenes() -> [Route; 5] {
         .codes(&[200, 201])
         .answer("Scene")
         .body(Body::Bytes),
+        Route::post(
+            "/api/v1/scenes/{sha256}/address",
+            "An address in the storage to which a scene of this size is PUT",
+            scenes::address,
+        )
+        .answer("UploadAddress")
+        .body(Body::Json("Size")),
+        Route::post(
+            "/api/v1/scenes/{sha256}/take",
+            "Take in a scene of this size that was PUT there: 201, or 200 if you have uploaded it before",
+            scenes::take,
+        )
+        .codes(&[200, 201])
+        .answer("Scene")
+        .body(Body::Json("Size")),
         Route::post("/api/v1/query", "Rays in (.npy), hits out (.npz)", query::query)
             .media(&["application/zip"])
             .body(Body::Bytes)

@@ -9,6 +9,7 @@ use super::{journal, measurements, roots, routes, webhook};
 use crate::backend::RenderBackend;
 use crate::contract::Limits;
 use crate::coordinator::ledger::{Ledger, LedgerError};
+use crate::coordinator::storage::{Storage, StorageError, StorageOptions};
 use crate::coordinator::store::Store;
 use crate::coordinator::{
     AuditLog, DataFolder, FarmOptions, FolderError, KeptScene, OwnScene, Record, Retention, Runner, Secret,
@@ -60,6 +61,8 @@ pub struct Options {
     pub reach: Reach,
     /// Bounds of what is kept.
     pub retention: Retention,
+    /// Where finished pictures and uploaded scenes lie; `None` for the data folder alone.
+    pub storage: Option<StorageOptions>,
     /// True if programs of this machine may use Drake's route without a token.
     pub open_to_drake: bool,
     /// Names of this service besides `localhost` and addresses.
@@ -107,6 +110,9 @@ pub enum ServeError {
     /// The ledger cannot be used.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
+    /// The storage cannot be used.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
     /// The system refuses threads or sockets.
     #[error("the service cannot run: {0}")]
     System(#[from] io::Error),
@@ -147,6 +153,7 @@ pub fn run(
         ca,
         reach,
         retention,
+        storage,
         open_to_drake,
         names,
         limits,
@@ -164,7 +171,8 @@ pub fn run(
     let secret = Secret::open(&data).map_err(failed(&data))?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
-    let store = Arc::new(Store::open(&data).map_err(failed(&data))?);
+    let storage = Storage::open(storage, &ledger)?;
+    let store = Arc::new(Store::open(&data, storage).map_err(failed(&data))?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
     let metrics = measurements::record().map_err(io::Error::other)?;
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());

@@ -27,7 +27,7 @@ pub struct ServeArgs {
     /// Key of the certificate, as a PEM file.
     #[arg(long, value_name = "FILE", requires = "tls_certificate")]
     pub tls_key: Option<PathBuf>,
-    /// Certificates of the authorities by which https addresses of webhooks are known, as a PEM file
+    /// Certificates of the authorities by which the storage and https addresses of webhooks are known, as a PEM file
     /// [default: the system's].
     #[arg(long, value_name = "FILE")]
     pub ca: Option<PathBuf>,
@@ -67,6 +67,23 @@ pub struct ServeArgs {
     /// [default: no bound].
     #[arg(long, value_name = "BYTES", value_parser = crate::args::bytes)]
     pub keep_bytes: Option<u64>,
+    /// Where finished pictures and uploaded scenes lie: s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID,
+    /// AWS_SECRET_ACCESS_KEY and AWS_REGION of the environment. The data folder keeps the ledger and copies
+    /// [default: the data folder].
+    #[arg(long, value_name = "URL")]
+    pub storage: Option<String>,
+    /// Server of the storage, as https://minio.example:9000 [default: that of the environment, or Amazon's].
+    #[arg(long, value_name = "URL", requires = "storage")]
+    pub storage_endpoint: Option<String>,
+    /// Most bytes of copies of what lies in the storage; what is in use goes beyond it.
+    #[arg(long, value_name = "BYTES", default_value = "10G", value_parser = crate::args::bytes)]
+    pub storage_cache: u64,
+    /// How long an address works by which its holder reads or writes one object of the storage, as 15m or 1h.
+    #[arg(long, value_name = "TIME", default_value = "15m", value_parser = time)]
+    pub storage_expiry: Duration,
+    /// How long the copy of a scene stays after it was last used, for tests.
+    #[arg(long, value_name = "TIME", hide = true, default_value = "10m", value_parser = time)]
+    pub storage_rest: Duration,
     /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
     #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
     pub tev: Option<String>,

@@ -16,6 +16,7 @@ use anyhow::Result;
 use raystream::picture::{Registry, RenderSpec};
 use raystream_service::backend::{LoadedScenes, RenderBackend, SCHEDULED};
 use raystream_service::contract::{Limits, Pack, ScenePack};
+use raystream_service::coordinator::storage::StorageOptions;
 use raystream_service::coordinator::{FarmOptions, OwnScene, Retention};
 use raystream_service::http::{Options, Reach, Stop, TOKEN_FILE, Tls};
 use std::path::Path;
@@ -67,6 +68,15 @@ fn serve(
         insecure: *insecure,
         ca: args.ca.clone(),
         retention: Retention { keep_for: args.keep_for, keep_bytes: args.keep_bytes },
+        storage: args.storage.clone().map(|url| StorageOptions {
+            url,
+            endpoint: args.storage_endpoint.clone(),
+            ca: args.ca.clone(),
+            insecure: *insecure,
+            cache_bytes: args.storage_cache,
+            expiry: args.storage_expiry,
+            scene_rest: args.storage_rest,
+        }),
         reach: Reach::new(args.webhook_network.clone()),
         open_to_drake: args.drake,
         names: name.clone(),

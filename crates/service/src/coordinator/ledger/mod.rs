@@ -8,6 +8,7 @@ mod retention;
 mod rows;
 mod schema;
 mod snapshot;
+mod storage;
 #[cfg(test)]
 mod tests;
 mod tokens;

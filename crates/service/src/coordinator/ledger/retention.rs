@@ -44,6 +44,11 @@ pub enum Leftover {
 }
 
 impl Leftover {
+    /// True if it is of this job.
+    pub fn is_job(&self, id: &str) -> bool {
+        matches!(self, Self::Job(name) if name == id)
+    }
+
     fn row(&self) -> (&'static str, &str) {
         match self {
             Self::Job(name) => ("job", name),

@@ -244,6 +244,8 @@ pub struct FrameRow {
     pub layers: Option<String>,
     /// Facts about the picture, as JSON, once it is finished.
     pub metadata: Option<String>,
+    /// The sums of its files by their extensions, as JSON, if they are objects of a storage.
+    pub objects: Option<String>,
 }
 
 /// The state of a unit.

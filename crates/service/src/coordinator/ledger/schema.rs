@@ -8,7 +8,7 @@ use std::path::Path;
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
 /// What makes each version from the one before.
-const MIGRATIONS: [&str; 11] = [
+const MIGRATIONS: [&str; 12] = [
     FIRST,
     UNITS_OF_PASSES,
     STRANGERS,
@@ -20,6 +20,7 @@ const MIGRATIONS: [&str; 11] = [
     RETENTION,
     REQUESTS,
     TRACES,
+    STORAGE,
 ];
 
 const FIRST: &str = "
@@ -276,6 +277,15 @@ const REQUESTS: &str = "ALTER TABLE job ADD COLUMN request_id TEXT NOT NULL DEFA
 
 /// Jobs name the span that they are a part of.
 const TRACES: &str = "ALTER TABLE job ADD COLUMN trace_parent TEXT NOT NULL DEFAULT '';";
+
+/// Pictures are objects of a storage, with their sums. The storage has a name, by which it is known again.
+const STORAGE: &str = "
+    ALTER TABLE frame ADD COLUMN objects TEXT;
+    CREATE TABLE storage (
+        name TEXT NOT NULL,
+        is_claimed INTEGER NOT NULL DEFAULT 0
+    );
+";
 
 /// The version of the tables that are there; 0 if there are none.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, LedgerError> {

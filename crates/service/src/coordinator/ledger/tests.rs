@@ -82,7 +82,7 @@ fn a_job_goes_from_its_request_to_its_pictures_across_restarts() {
     assert_eq!(ledger.open_frames("a1", 9).expect("frames"), [0, 1]);
     for number in 0..2 {
         let hash = Some(format!("hash {number}"));
-        let row = FrameRow { number, name: String::new(), hash, layers: None, metadata: None };
+        let row = FrameRow { number, name: String::new(), hash, layers: None, metadata: None, objects: None };
         assert!(ledger.finish_frame("a1", row, None).expect("finished"));
     }
     let job = ledger.job("a1").expect("a ledger").expect("the job");
@@ -204,7 +204,14 @@ fn planned(ledger: &Ledger, id: &str) {
 }
 
 fn finish(ledger: &Ledger, id: &str, number: u32) {
-    let row = FrameRow { number, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    let row = FrameRow {
+        number,
+        name: String::new(),
+        hash: Some("h".into()),
+        layers: None,
+        metadata: None,
+        objects: None,
+    };
     assert!(ledger.finish_frame(id, row, Some(0)).expect("finished"));
 }
 
@@ -225,8 +232,14 @@ fn comparisons_outlive_the_process_and_are_counted() {
     let expected = UnitRow { blocks: 2, state: UnitState::Kept, ..row.clone() };
     assert_eq!(pending, [Pending { unit: expected, blocks, name: "w".into() }]);
     assert!(ledger.pending("a1", 1).expect("pending").is_empty());
-    let early =
-        FrameRow { number: 0, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    let early = FrameRow {
+        number: 0,
+        name: String::new(),
+        hash: Some("h".into()),
+        layers: None,
+        metadata: None,
+        objects: None,
+    };
     assert!(!ledger.finish_frame("a1", early, Some(0)).expect("a ledger"), "it is to be compared first");
     for _ in 0..2 {
         ledger.end_comparison("a1", &row, ["K".into(), "L".into()]).expect("ended once");
@@ -257,8 +270,14 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
         (1, 0, vec![]),
         "what was cut before is no unit any more"
     );
-    let late =
-        FrameRow { number: 0, name: String::new(), hash: Some("h".into()), layers: None, metadata: None };
+    let late = FrameRow {
+        number: 0,
+        name: String::new(),
+        hash: Some("h".into()),
+        layers: None,
+        metadata: None,
+        objects: None,
+    };
     assert!(!ledger.finish_frame("b1", late, Some(0)).expect("a ledger"), "a picture of the round before");
     assert!(!ledger.fold("b1", (0, 0), 9).expect("read"), "sums of the round before");
     assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);

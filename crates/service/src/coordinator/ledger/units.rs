@@ -187,11 +187,11 @@ impl Ledger {
     pub fn finish_frame(&self, job: &str, frame: FrameRow, round: Option<u32>) -> Result<bool, LedgerError> {
         let job = job.to_owned();
         self.change(move |transaction| {
-            let FrameRow { number, hash, layers, metadata, .. } = frame;
-            let update = "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5 WHERE job = ?1 AND number = ?2 \
+            let FrameRow { number, hash, layers, metadata, objects, .. } = frame;
+            let update = "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5, objects = ?7 WHERE job = ?1 AND number = ?2 \
                 AND round = coalesce(?6, round) \
                 AND NOT EXISTS (SELECT 1 FROM comparison WHERE job = ?1 AND frame = ?2)";
-            if transaction.execute(update, params![job, number, hash, layers, metadata, round])? == 0 {
+            if transaction.execute(update, params![job, number, hash, layers, metadata, round, objects])? == 0 {
                 return Ok(false);
             }
             count_and_remove(transaction, &job, number, "true")?;
@@ -219,7 +219,7 @@ impl Ledger {
     pub fn frames(&self, job: &str) -> Result<Vec<FrameRow>, LedgerError> {
         self.read(|connection| {
             let mut select = connection.prepare_cached(
-                "SELECT number, name, hash, layers, metadata FROM frame WHERE job = ?1 ORDER BY number",
+                "SELECT number, name, hash, layers, metadata, objects FROM frame WHERE job = ?1 ORDER BY number",
             )?;
             let rows = select.query_map([job], |row| {
                 Ok(FrameRow {
@@ -228,6 +228,7 @@ impl Ledger {
                     hash: row.get(2)?,
                     layers: row.get(3)?,
                     metadata: row.get(4)?,
+                    objects: row.get(5)?,
                 })
             })?;
             rows.collect()
@@ -309,7 +310,7 @@ pub(super) fn begin_anew(connection: &Connection, job: &str, frame: u32) -> rusq
         connection.execute(&delete, params![job, frame])?;
     }
     let update = "UPDATE frame SET sums = 0, units = 0, block_samples = 0, compared = 0, round = round + 1, \
-        hash = NULL, layers = NULL, metadata = NULL WHERE job = ?1 AND number = ?2";
+        hash = NULL, layers = NULL, metadata = NULL, objects = NULL WHERE job = ?1 AND number = ?2";
     connection.execute(update, params![job, frame])?;
     Ok(())
 }

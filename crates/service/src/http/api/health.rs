@@ -4,6 +4,7 @@ use super::body;
 use crate::contract::Problem;
 use crate::coordinator::ShownWorker;
 use crate::coordinator::ledger::{DeliveryCounts, now_ms};
+use crate::coordinator::storage::Storage;
 use crate::http::state::State;
 use axum::Json;
 use axum::body::Body;
@@ -17,12 +18,18 @@ pub async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// `GET /readyz`: the ledger answers too, the data folder can be written, and the service is not ending.
+/// `GET /readyz`: the ledger answers too, the data folder can be written, the storage can be used if there is one, and
+/// the service is not ending.
 pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem> {
     if *state.ending().borrow() {
         return Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the service is ending"));
     }
-    state.blocking(|state| Ok(state.ledger().last_event()?)).await?;
+    state
+        .blocking(|state| {
+            state.ledger().last_event()?;
+            Ok(state.store().storage().map_or(Ok(()), Storage::probe)?)
+        })
+        .await?;
     match state.runner().trouble.now() {
         None => Ok("ready\n"),
         Some(why) => Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, why)),

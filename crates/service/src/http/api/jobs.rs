@@ -193,7 +193,8 @@ fn check_address(state: &State, url: &str) -> Result<(), Problem> {
 fn has_pictures(state: &State, id: &str) -> Result<bool, Problem> {
     let folder = state.store().job_folder(id);
     let is_there = |frame: &FrameRow| {
-        folder.join(format!("frame-{}", frame.number)).join(PICTURE).with_extension("npz").is_file()
+        frame.objects.is_some()
+            || folder.join(format!("frame-{}", frame.number)).join(PICTURE).with_extension("npz").is_file()
     };
     Ok(state.ledger().frames(id)?.iter().all(is_there))
 }

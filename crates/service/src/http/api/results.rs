@@ -1,35 +1,41 @@
 //! Pictures and layers of finished frames.
 
 use crate::contract::{self, Problem, hex};
+use crate::coordinator::copies::FILES;
 use crate::coordinator::ledger::FrameRow;
-use crate::coordinator::results::PICTURE;
+use crate::coordinator::storage::StorageError;
+use crate::coordinator::store::Store;
 use crate::http::caller::Caller;
 use crate::http::state::State;
+use axum::Json;
 use axum::body::Body;
 use axum::extract::{Path, Query, State as Given};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use raystream::film::{Exposure, Image, Look, Picture, View, write_picture};
 use serde::Deserialize;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path as FilePath, PathBuf};
+use std::sync::Arc;
 
-/// The look of a PNG; without these, as the job asked.
+/// The look of a PNG; without these, as the job asked. With `redirect`, where the file lies in the storage.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LookQuery {
     view: Option<String>,
     exposure: Option<String>,
+    #[serde(default)]
+    redirect: bool,
 }
 
 type LookResult = Result<Query<LookQuery>, axum::extract::rejection::QueryRejection>;
 
 /// A file of a result, and what its content is a function of.
 struct Found {
-    folder: PathBuf,
+    store: Arc<Store>,
+    job: String,
     row: FrameRow,
 }
 
@@ -47,12 +53,14 @@ pub async fn picture(
     state
         .blocking(move |state| {
             let found = find(state, &caller, &id, frame)?;
+            if look.redirect
+                && let Some(response) = found.elsewhere(&format, &look)?
+            {
+                return Ok(response);
+            }
             match &*format {
                 "png" => shown(state, &found, &look, &headers),
-                "exr" | "npz" => {
-                    let path = found.folder.join(PICTURE).with_extension(&format);
-                    answer(&headers, &found.tag(&format), &format, || read(&path))
-                }
+                "exr" | "npz" => answer(&headers, &found.tag(&format), &format, || found.read(&format)),
                 "npy" => array(&found, "image", &headers),
                 _ => Err(no_picture(&file)),
             }
@@ -92,11 +100,52 @@ fn find(state: &State, caller: &Caller, id: &str, frame: u32) -> Result<Found, P
         let detail = format!("frame {frame} is not finished; the job is {}. Follow its events", job.state);
         Problem::new(StatusCode::CONFLICT, detail).with("state", job.state.name())
     })?;
-    let folder = state.store().job_folder(id).join(format!("frame-{frame}"));
-    Ok(Found { folder, row })
+    Ok(Found { store: Arc::clone(state.store()), job: id.to_owned(), row })
 }
 
 impl Found {
+    /// Opens a file of the picture.
+    fn open(&self, extension: &str) -> Result<File, Problem> {
+        let file = self.store.picture(&self.job, &self.row, extension).map_err(|error| match error {
+            StorageError::File(error) => self.gone(&error),
+            StorageError::Missing(..) | StorageError::Damaged(..) => {
+                log::error!("job {}: {error}", self.job);
+                let detail = format!("{error}; submit the job again with `Cache-Control: no-cache`");
+                Problem::new(StatusCode::BAD_GATEWAY, detail)
+            }
+            error => error.into(),
+        })?;
+        file.ok_or_else(|| {
+            Problem::missing("file of this picture any more: it was removed; submit the job again")
+        })
+    }
+
+    fn read(&self, extension: &str) -> Result<Vec<u8>, Problem> {
+        let mut bytes = Vec::new();
+        self.open(extension)?.read_to_end(&mut bytes).map_err(|error| self.gone(&error))?;
+        Ok(bytes)
+    }
+
+    fn gone(&self, error: &dyn std::fmt::Display) -> Problem {
+        log::error!("job {}, frame {}: {error}", self.job, self.row.number);
+        let detail = "the picture's file cannot be read; submit the job again with `Cache-Control: no-cache`";
+        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail)
+    }
+
+    /// 307 to the file in the storage. `None` if it does not lie there, or is to be shown in another way.
+    fn elsewhere(&self, extension: &str, look: &LookQuery) -> Result<Option<Response>, Problem> {
+        let is_file = FILES.iter().any(|(own, _)| *own == extension);
+        if !is_file || look.view.is_some() || look.exposure.is_some() {
+            return Ok(None);
+        }
+        let Some((url, sum)) = self.store.picture_address(&self.job, &self.row, extension)? else {
+            return Ok(None);
+        };
+        let headers = [(header::LOCATION, url.clone()), (header::CACHE_CONTROL, "no-store".into())];
+        let body = json!({ "url": url, "bytes": sum.bytes, "sha256": sum.sha256 });
+        Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers, Json(body)).into_response()))
+    }
+
     /// What changes when the bytes of a format do.
     fn tag(&self, of: &str) -> String {
         let FrameRow { hash, layers, metadata, .. } = &self.row;
@@ -118,21 +167,6 @@ impl Found {
         let layers: Map<String, Value> = serde_json::from_str(self.row.layers.as_deref()?).ok()?;
         layers.get(layer)?.as_str().map(str::to_owned)
     }
-}
-
-fn read(path: &FilePath) -> Result<Vec<u8>, Problem> {
-    std::fs::read(path).map_err(|error| match error.kind() {
-        std::io::ErrorKind::NotFound => {
-            Problem::missing("file of this picture any more: it was removed; submit the job again")
-        }
-        _ => gone(path, &error),
-    })
-}
-
-fn gone(path: &FilePath, error: &dyn std::fmt::Display) -> Problem {
-    log::error!("{}: {error}", path.display());
-    let detail = "the picture's file cannot be read; submit the job again with `Cache-Control: no-cache`";
-    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail)
 }
 
 /// 304 if the client has the bytes already.
@@ -169,29 +203,24 @@ fn answer(
 fn array(found: &Found, name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
     let missing = || Problem::missing(format!("layer {name:?}; the job's answer lists those that there are"));
     let hash = found.hash(name).ok_or_else(missing)?;
-    answer(headers, &format!("\"{hash}-npy\""), "npy", || {
-        let path = found.folder.join(PICTURE).with_extension("npz");
-        member(&path, name)?.ok_or_else(missing)
-    })
+    answer(headers, &format!("\"{hash}-npy\""), "npy", || member(found, name)?.ok_or_else(missing))
 }
 
 /// A member of an `.npz`.
-fn member(path: &FilePath, name: &str) -> Result<Option<Vec<u8>>, Problem> {
-    let file = File::open(path).map_err(|error| gone(path, &error))?;
-    let mut archive = zip::ZipArchive::new(file).map_err(|error| gone(path, &error))?;
+fn member(found: &Found, name: &str) -> Result<Option<Vec<u8>>, Problem> {
+    let mut archive = zip::ZipArchive::new(found.open("npz")?).map_err(|error| found.gone(&error))?;
     let Ok(mut member) = archive.by_name(&npyz::npz::file_name_from_array_name(name)) else {
         return Ok(None);
     };
     let mut bytes = Vec::new();
-    member.read_to_end(&mut bytes).map_err(|error| gone(path, &error))?;
+    member.read_to_end(&mut bytes).map_err(|error| found.gone(&error))?;
     Ok(Some(bytes))
 }
 
 /// The picture as a display shows it.
 fn shown(state: &State, found: &Found, look: &LookQuery, headers: &HeaderMap) -> Result<Response, Problem> {
-    let path = found.folder.join(PICTURE).with_extension("png");
     if look.view.is_none() && look.exposure.is_none() {
-        return answer(headers, &found.tag("png"), "png", || read(&path));
+        return answer(headers, &found.tag("png"), "png", || found.read("png"));
     }
     let of_job = |name: &str| found.fact(name).unwrap_or_default();
     let name = look.view.clone().unwrap_or_else(|| of_job("view"));
@@ -208,14 +237,14 @@ fn shown(state: &State, found: &Found, look: &LookQuery, headers: &HeaderMap) ->
     answer(headers, &tag, "png", || {
         let base = Look::default().with_view(view).with_exposure(Exposure::Stops(stops));
         let look = white.map_or(base, |kelvin| base.with_white_balance(kelvin));
-        let picture = radiance(&found.folder)?;
+        let picture = radiance(found)?;
         let folder = tempfile::tempdir_in(state.store().temporary()).map_err(contract::refused)?;
         let path = folder.path().join("shown.png");
         let written = write_picture(&path, &picture, &look, &Default::default());
         written.map_err(|error| {
             Problem::new(StatusCode::SERVICE_UNAVAILABLE, format!("the picture cannot be encoded: {error}"))
         })?;
-        read(&path)
+        std::fs::read(&path).map_err(|error| found.gone(&error))
     })
 }
 
@@ -223,17 +252,16 @@ fn shown(state: &State, found: &Found, look: &LookQuery, headers: &HeaderMap) ->
 type Values = (Vec<u64>, Vec<f32>);
 
 /// Radiance and alpha of a finished frame.
-fn radiance(folder: &FilePath) -> Result<Picture, Problem> {
-    let path = folder.join(PICTURE).with_extension("npz");
+fn radiance(found: &Found) -> Result<Picture, Problem> {
     let values = |name: &str| -> Result<Option<Values>, Problem> {
-        let Some(bytes) = member(&path, name)? else { return Ok(None) };
-        let npy = npyz::NpyFile::new(&bytes[..]).map_err(|error| gone(&path, &error))?;
+        let Some(bytes) = member(found, name)? else { return Ok(None) };
+        let npy = npyz::NpyFile::new(&bytes[..]).map_err(|error| found.gone(&error))?;
         let shape = npy.shape().to_vec();
-        let values = npy.into_vec::<f32>().map_err(|error| gone(&path, &error))?;
+        let values = npy.into_vec::<f32>().map_err(|error| found.gone(&error))?;
         Ok(Some((shape, values)))
     };
-    let (shape, image) = values("image")?.ok_or_else(|| gone(&path, &"it has no image"))?;
-    let &[height, width, 3] = &shape[..] else { return Err(gone(&path, &"its image has another shape")) };
+    let (shape, image) = values("image")?.ok_or_else(|| found.gone(&"it has no image"))?;
+    let &[height, width, 3] = &shape[..] else { return Err(found.gone(&"its image has another shape")) };
     let (pixels, _) = image.as_chunks::<3>();
     let mut picture = Picture::new(Image::new(width as u32, height as u32, pixels.to_vec()));
     picture.alpha = values("alpha")?.map(|(_, alpha)| alpha);
