@@ -2,8 +2,8 @@
 //!
 //! Names of the file come first: a name that the prelude or WGSL defines, too, is written another way. Constants are
 //! computed by this crate's arithmetic: naga would compute `sin(1.0)` with the platform's library, so arguments of
-//! inexact functions are multiplied by an `override` of 1, which naga leaves alone and the lowerer drops. Constants that
-//! depend on such a call are written out where they are used.
+//! inexact functions are multiplied by an `override` of 1, which naga leaves alone and the lowerer drops. Constants
+//! that depend on such a call are written out where they are used.
 
 use super::source::MAX_SOURCE_BYTES;
 use super::token::{Declaration, Token, TokenKind, closing, declarations, tokens};
@@ -439,8 +439,10 @@ mod tests {
 
     #[test]
     fn constants_of_inexact_functions_are_written_out() {
-        let own = "const b = a + 1; const a: f32 = exp(2.0); const n = 3; fn f(n: f32) { let x = b * s.a; var a = 1; a; }";
-        let expected = "var<private> b = (exp(unfolded*(2.0))) + 1; var<private> a: f32 = exp(unfolded*(2.0)); const n = 3; \
+        let own = "const b = a + 1; const a: f32 = exp(2.0); const n = 3; \
+                   fn f(n: f32) { let x = b * s.a; var a = 1; a; }";
+        let expected = "var<private> b = (exp(unfolded*(2.0))) + 1; \
+                        var<private> a: f32 = exp(unfolded*(2.0)); const n = 3; \
                         fn f(n: f32) { let x = ((exp(unfolded*(2.0))) + 1) * s.a; var a = 1; a; }";
         assert_eq!(translated(own), expected);
     }
@@ -449,7 +451,8 @@ mod tests {
     fn names_of_the_file_come_first() {
         let own =
             "struct S { noise: f32 } fn noise(s: S) -> f32 { return s.noise; } fn abs() { noise(S(TAU)); }";
-        let expected = "struct S { noise: f32 } fn noise_(s: S) -> f32 { return s.noise; } fn abs_() { noise_(S(TAU)); }";
+        let expected = "struct S { noise: f32 } fn noise_(s: S) -> f32 { return s.noise; } \
+                        fn abs_() { noise_(S(TAU)); }";
         let translation = Translation::new(own, "const TAU = 6.0; fn noise() {}").expect("short");
         assert_eq!(translation.text, expected);
         assert_eq!(translation.in_own_names("no `noise_` of noise_x"), "no `noise` of noise_x");

@@ -2,7 +2,7 @@
 
 use crate::program::token::{Token, TokenKind};
 
-/// What somebody has written in another language.
+/// Text in another language.
 pub(super) struct Habit {
     /// The token to show.
     pub token: usize,

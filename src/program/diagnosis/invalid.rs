@@ -194,6 +194,14 @@ impl<'m> FunctionTypes<'m> {
                     "`-` is for signed numbers, `!` for bool",
                 )
             }
+            _ => return self.part(error, span).or_else(|| of_value(error, span)),
+        })
+    }
+
+    /// The fault of a part of a value, or of a choice.
+    fn part(&self, error: &ExpressionError, span: Span) -> Option<Fault> {
+        use ExpressionError as E;
+        Some(match error {
             E::IndexOutOfBounds(base, index) => {
                 let ty = self.name(*base);
                 Fault::new(span, format!("index {index} lies beyond the end of `{ty}`"), "indices begin at 0")
@@ -227,21 +235,6 @@ impl<'m> FunctionTypes<'m> {
                     "give two of one type",
                 )
             }
-            E::InvalidCastArgument => Fault::new(
-                span,
-                "this value cannot be converted so",
-                "numbers have 32 bits: `f32`, `i32`, `u32`",
-            ),
-            E::Compose(ComposeError::ComponentCount { given, expected }) => Fault::new(
-                span,
-                format!("{given} components are given where {expected} are needed"),
-                "give one for each component, or a single number for all",
-            ),
-            E::Compose(ComposeError::ComponentType { index }) => Fault::new(
-                span,
-                format!("component {} has the wrong type", index + 1),
-                "convert it: `f32(x)`",
-            ),
             E::InvalidArgumentType(_, index, value) => {
                 let ty = self.name(*value);
                 Fault::new(
@@ -250,20 +243,39 @@ impl<'m> FunctionTypes<'m> {
                     "convert it: `f32(x)`",
                 )
             }
-            E::Literal(LiteralError::Width(_)) => Fault::new(
-                span,
-                "a number with a fraction stands beside whole numbers",
-                "convert the whole numbers: `f32(i) * 0.5`",
-            ),
-            E::Literal(_) => Fault::new(span, "the number is not finite", "write a number of at most 3.4e38"),
-            E::MissingCapabilities(_) => Fault::new(
-                span,
-                "shaders have no numbers of this size",
-                "numbers have 32 bits: `f32`, `i32`, `u32`",
-            ),
             _ => return None,
         })
     }
+}
+
+/// The fault of a value by itself.
+fn of_value(error: &ExpressionError, span: Span) -> Option<Fault> {
+    use ExpressionError as E;
+    Some(match error {
+        E::InvalidCastArgument => {
+            Fault::new(span, "this value cannot be converted so", "numbers have 32 bits: `f32`, `i32`, `u32`")
+        }
+        E::Compose(ComposeError::ComponentCount { given, expected }) => Fault::new(
+            span,
+            format!("{given} components are given where {expected} are needed"),
+            "give one for each component, or a single number for all",
+        ),
+        E::Compose(ComposeError::ComponentType { index }) => {
+            Fault::new(span, format!("component {} has the wrong type", index + 1), "convert it: `f32(x)`")
+        }
+        E::Literal(LiteralError::Width(_)) => Fault::new(
+            span,
+            "a number with a fraction stands beside whole numbers",
+            "convert the whole numbers: `f32(i) * 0.5`",
+        ),
+        E::Literal(_) => Fault::new(span, "the number is not finite", "write a number of at most 3.4e38"),
+        E::MissingCapabilities(_) => Fault::new(
+            span,
+            "shaders have no numbers of this size",
+            "numbers have 32 bits: `f32`, `i32`, `u32`",
+        ),
+        _ => return None,
+    })
 }
 
 fn sign(op: BinaryOperator) -> &'static str {

@@ -14,106 +14,125 @@ use std::fmt::Write;
 
 /// The fault for an error of naga's parser in a text that the prelude follows.
 pub(super) fn of_parse_error(found: &ParseError, text: &str, prelude: &str) -> Fault {
-    let labels: Vec<(Span, &str)> = found.labels().collect();
-    let notes: Vec<&str> = found.notes().collect();
-    let message = found.message();
-    let place = |index: usize| labels.get(index).map_or(Span::UNDEFINED, |label| label.0);
-    let at = place(0).to_range().map_or(usize::MAX, |range| range.start);
     let tokens = tokens(text);
+    let labels: Vec<(Span, &str)> = found.labels().collect();
+    let at = labels.first().and_then(|label| label.0.to_range()).map_or(usize::MAX, |range| range.start);
     let here = tokens.partition_point(|token| token.at < at);
+    let error =
+        Refusal { message: found.message(), labels, notes: found.notes().collect(), tokens: &tokens, here };
     if let Some(habit) = habit::at(&tokens, here) {
-        let span = tokens.get(habit.token).map_or(place(0), |token| span_of(token.range()));
+        let span = tokens.get(habit.token).map_or(error.place(0), |token| span_of(token.range()));
         return Fault::new(span, habit.message, habit.remedy);
     }
-    let quoted = |text: &str| text.split('`').nth(1).unwrap_or_default().to_owned();
-    if let Some(name) = message.strip_prefix("no definition in scope for identifier: ") {
-        let name = quoted(name);
-        let remedy = spelling::of_name(&name, &tokens, here, prelude);
-        return Fault::new(place(0), format!("`{name}` is not defined"), remedy);
+    error.of_names(prelude).or_else(|| error.of_types()).unwrap_or_else(|| error.of_text())
+}
+
+/// An error of naga's parser.
+struct Refusal<'t> {
+    message: &'t str,
+    labels: Vec<(Span, &'t str)>,
+    notes: Vec<&'t str>,
+    tokens: &'t [Token<'t>],
+    /// The token at which the first label begins.
+    here: usize,
+}
+
+impl Refusal<'_> {
+    fn place(&self, label: usize) -> Span {
+        self.labels.get(label).map_or(Span::UNDEFINED, |label| label.0)
     }
-    if message.starts_with("invalid field accessor") {
-        let name = quoted(message);
-        let remedy = spelling::of_member(&name, &tokens, prelude);
-        return Fault::new(place(0), format!("there is no member `{name}`"), remedy);
+
+    /// The words in backticks, without the signs.
+    fn quoted(&self) -> impl Iterator<Item = &str> {
+        self.message.split('`').skip(1).step_by(2)
     }
-    if message.starts_with("unknown type") {
-        let name = quoted(message);
-        let remedy = spelling::of_type(&name, &tokens, prelude);
-        return Fault::new(place(0), format!("there is no type `{name}`"), remedy);
-    }
-    if message.starts_with("redefinition of") {
-        let name = quoted(message);
-        return Fault::new(place(0), format!("`{name}` is defined twice"), "give one of them another name");
-    }
-    if message.starts_with("declaration of") {
-        let message = format!("`{}` depends on itself", quoted(message));
-        return Fault::new(place(0), message, "write a loop; of functions only `hit` comes back, by `trace`");
-    }
-    if message.starts_with("constructor expects") || message.contains("components, found") {
-        let remedy = "give one number for each component, or a single one for all";
-        return Fault::new(place(0), sentence(message), remedy);
-    }
-    if message.starts_with("cannot cast") || message.to_lowercase().contains("enable extension") {
-        let remedy = "numbers have 32 bits: `f32`, `i32`, `u32`";
-        return Fault::new(place(0), "shaders have no numbers of this size", remedy);
-    }
-    if message.contains("is a reserved keyword") {
-        let message = format!("`{}` is a word that WGSL reserves", quoted(message));
-        return Fault::new(place(0), message, "choose another name");
-    }
-    if let Some(types) = message.strip_prefix("automatic conversions cannot convert ") {
-        let mut types = types.split('`').skip(1).step_by(2).map(short);
-        let (from, to) = (types.next().unwrap_or_default(), types.next().unwrap_or_default());
-        return Fault::new(
-            place(1),
-            format!("this is `{from}` where `{to}` is needed"),
-            conversion(&from, &to),
-        );
-    }
-    if message.starts_with("the type of ") {
-        let mut parts = message.split('`').skip(1).step_by(2);
-        let name = parts.next().unwrap_or_default();
-        let (to, from) = (short(parts.next().unwrap_or_default()), short(parts.next().unwrap_or_default()));
-        let message = format!("`{name}` is declared as `{to}`, and its value is `{from}`");
-        return Fault::new(place(0), message, conversion(&from, &to));
-    }
-    if message.contains("type passed as argument #") {
-        return wrong_argument(message, &labels, &notes);
-    }
-    if message.starts_with("too many arguments") || message.starts_with("wrong number of arguments") {
-        let label = labels.last().map_or("", |label| label.1);
-        let remedy = notes.first().map_or(label, |note| note).replace(" 1 argument(s)", " one argument");
-        return Fault::new(
-            place(0),
-            sentence(message),
-            lower_first(&remedy.replace("argument(s)", "arguments")),
-        );
-    }
-    if message.starts_with("invalid left-hand side") {
-        let remedy = match notes.first() {
-            Some(note) if note.contains("swizzles") => {
-                "assign each component: `c.x = ..; c.y = ..;`".to_owned()
-            }
-            Some(note) => {
-                let name = note.split('`').nth(1).unwrap_or_default();
-                let is_let = |two: &[Token<'_>]| two[0].text == "let" && two[1].text == name;
-                match tokens.windows(2).any(is_let) {
-                    true => format!("declare it with `var {name}` in place of `let {name}`"),
-                    false => format!("copy it: `var copy = {name};`"),
-                }
-            }
-            None => "assign to a variable, a component of one, or a member: `var x = ..; x = ..;`".to_owned(),
+
+    /// The fault if it is about a name.
+    fn of_names(&self, prelude: &str) -> Option<Fault> {
+        let name = self.quoted().next()?;
+        let starts = |start: &str| self.message.starts_with(start);
+        let (message, remedy) = if starts("no definition in scope") {
+            (format!("`{name}` is not defined"), spelling::of_name(name, self.tokens, self.here, prelude))
+        } else if starts("invalid field accessor") {
+            (format!("there is no member `{name}`"), spelling::of_member(name, self.tokens, prelude))
+        } else if starts("redefinition of") {
+            (format!("`{name}` is defined twice"), "give one of them another name".to_owned())
+        } else if starts("declaration of") {
+            let remedy = "write a loop; of functions only `hit` comes back, by `trace`";
+            (format!("`{name}` depends on itself"), remedy.to_owned())
+        } else if self.message.contains("is a reserved keyword") {
+            (format!("`{name}` is a word that WGSL reserves"), "choose another name".to_owned())
+        } else {
+            return None;
         };
-        return Fault::new(place(0), "this cannot be assigned to", remedy);
+        Some(Fault::new(self.place(0), message, remedy))
     }
-    if let Some(rest) = message.strip_prefix("expected ") {
-        return unexpected(rest, place(0), &tokens, here);
+
+    /// The fault if it is about types.
+    fn of_types(&self) -> Option<Fault> {
+        let message = self.message;
+        let mut types = self.quoted().map(short);
+        if message.starts_with("automatic conversions cannot convert ") {
+            let (from, to) = (types.next()?, types.next()?);
+            let told = format!("this is `{from}` where `{to}` is needed");
+            return Some(Fault::new(self.place(1), told, conversion(&from, &to)));
+        }
+        if message.starts_with("the type of ") {
+            let (name, to, from) = (types.next()?, types.next()?, types.next()?);
+            let told = format!("`{name}` is declared as `{to}`, and its value is `{from}`");
+            return Some(Fault::new(self.place(0), told, conversion(&from, &to)));
+        }
+        if message.contains("type passed as argument #") {
+            return Some(wrong_argument(message, &self.labels, &self.notes));
+        }
+        if message.starts_with("constructor expects") {
+            let remedy = "give one number for each component, or a single one for all";
+            return Some(Fault::new(self.place(0), sentence(message), remedy));
+        }
+        if message.starts_with("cannot cast") || message.contains("enable extension") {
+            let remedy = "numbers have 32 bits: `f32`, `i32`, `u32`";
+            return Some(Fault::new(self.place(0), "shaders have no numbers of this size", remedy));
+        }
+        if message.starts_with("too many arguments") || message.starts_with("wrong number of arguments") {
+            let label = self.labels.last().map_or("", |label| label.1);
+            let remedy = self.notes.first().map_or(label, |note| note);
+            let remedy =
+                remedy.replace(" 1 argument(s)", " one argument").replace("argument(s)", "arguments");
+            return Some(Fault::new(self.place(0), sentence(message), lower_first(&remedy)));
+        }
+        None
     }
-    let label = labels.first().map_or("", |label| label.1);
-    let remedy = if notes.is_empty() { label.to_owned() } else { notes.join("; ") };
-    let told = sentence(message);
-    let remedy = if says_more(&remedy, &told) { remedy } else { String::new() };
-    Fault::new(place(0), told, remedy)
+
+    /// The fault if it is about something else.
+    fn of_text(&self) -> Fault {
+        if self.message.starts_with("invalid left-hand side") {
+            return Fault::new(self.place(0), "this cannot be assigned to", self.assignable());
+        }
+        if let Some(rest) = self.message.strip_prefix("expected ") {
+            return unexpected(rest, self.place(0), self.tokens, self.here);
+        }
+        let label = self.labels.first().map_or("", |label| label.1);
+        let remedy = if self.notes.is_empty() { label.to_owned() } else { self.notes.join("; ") };
+        let told = sentence(self.message);
+        let remedy = if says_more(&remedy, &told) { remedy } else { String::new() };
+        Fault::new(self.place(0), told, remedy)
+    }
+
+    /// What to assign to in place of something else.
+    fn assignable(&self) -> String {
+        let Some(note) = self.notes.first() else {
+            return "assign to a variable, a component of one, or a member: `var x = ..; x = ..;`".into();
+        };
+        if note.contains("swizzles") {
+            return "assign each component: `c.x = ..; c.y = ..;`".into();
+        }
+        let name = note.split('`').nth(1).unwrap_or_default();
+        let is_let = |two: &[Token<'_>]| two[0].text == "let" && two[1].text == name;
+        match self.tokens.windows(2).any(is_let) {
+            true => format!("declare it with `var {name}` in place of `let {name}`"),
+            false => format!("copy it: `var copy = {name};`"),
+        }
+    }
 }
 
 fn span_of(range: std::ops::Range<usize>) -> Span {

@@ -72,23 +72,6 @@ pub(super) fn of_member(name: &str, own: &[Token<'_>], prelude: &str) -> String 
     )
 }
 
-/// A remedy for a type that does not exist.
-pub(super) fn of_type(name: &str, own: &[Token<'_>], prelude: &str) -> String {
-    if let Some(wgsl) = wgsl_type(name) {
-        return format!("write `{wgsl}`");
-    }
-    let of_prelude = tokens(prelude);
-    let mut known: BTreeSet<&str> = TYPES.split_whitespace().collect();
-    for tokens in [own, &of_prelude] {
-        let types = declarations(tokens).into_iter().filter(|one| ["struct", "alias"].contains(&one.keyword));
-        known.extend(types.filter_map(|one| Some(tokens[one.name?].text)));
-    }
-    nearest(name, known).map_or_else(
-        || "numbers are `f32`, `i32`, `u32`, vectors `vec3f`, .., matrices `mat3x3f`, ..".into(),
-        |nearest| format!("`{nearest}` is near"),
-    )
-}
-
 /// The name that differs in the fewest letters, at most two and fewer than half of them.
 fn nearest<'n>(name: &str, known: BTreeSet<&'n str>) -> Option<&'n str> {
     let most = MOST_LETTERS.min(name.chars().count() / 2);

@@ -1,8 +1,8 @@
 //! Scopes of variables.
 //!
-//! naga moves the variables of a function to its beginning. This finds again where each is needed: the statement of a
-//! block behind or inside of which all its uses stand. Points that do not come there never read the variable, so an
-//! assignment at all points that do replaces its value, and a counter in a branch stays known.
+//! naga moves the variables of a function to its beginning. This finds again where each is needed: the first statement
+//! of a block such that all its uses stand inside or behind it. Points that do not come there never read the variable,
+//! so an assignment at all points that do replaces its value, and a counter in a branch stays known.
 
 use naga::{Block, Expression, Function, Handle, LocalVariable, Statement};
 use std::collections::HashMap;

@@ -39,7 +39,8 @@ fn noise(p: vec2f) -> f32 {
     let i = floor(p);
     let f = fract(p);
     let u = f * f * (3.0 - 2.0 * f);
-    return mix(mix(rand2(i), rand2(i + vec2f(1., 0.)), u.x), mix(rand2(i + vec2f(0., 1.)), rand2(i + vec2f(1.)), u.x), u.y);
+    return mix(mix(rand2(i), rand2(i + vec2f(1., 0.)), u.x),
+        mix(rand2(i + vec2f(0., 1.)), rand2(i + vec2f(1.)), u.x), u.y);
 }
 //> gradient noise: gnoise(vec2f(x, y) * 4.)
 fn grad(p: vec2f) -> vec2f {
@@ -192,7 +193,8 @@ fn field(p: vec3f) -> f32 { return length(p) - 1.0 + 0.1 * sin(5.0 * p.x); }
 fn calcNormal(p: vec3f) -> vec3f {
     const h = 0.001;
     const k = vec2f(1., -1.);
-    return normalize(k.xyy * field(p + k.xyy * h) + k.yyx * field(p + k.yyx * h) + k.yxy * field(p + k.yxy * h) + k.xxx * field(p + k.xxx * h));
+    return normalize(k.xyy * field(p + k.xyy * h) + k.yyx * field(p + k.yyx * h)
+        + k.yxy * field(p + k.yxy * h) + k.xxx * field(p + k.xxx * h));
 }
 //> hue to colour: hsv2rgb(vec3f(x, y, z)).x
 fn hsv2rgb(c: vec3f) -> vec3f {

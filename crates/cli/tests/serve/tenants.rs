@@ -151,13 +151,8 @@ fn attempts(route: &str, method: &str, operation: &Value, victim: &Victim) -> Ve
         for (body, control) in &bodies {
             let is_named = path != none || body != control;
             if is_named {
-                let (method, body) = (method.to_uppercase(), body.clone());
-                all.push(Attempt {
-                    method,
-                    path: path.clone(),
-                    body,
-                    control: (none.clone(), control.clone()),
-                });
+                let (method, body, path) = (method.to_uppercase(), body.clone(), path.clone());
+                all.push(Attempt { method, path, body, control: (none.clone(), control.clone()) });
             }
         }
     }

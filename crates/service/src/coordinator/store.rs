@@ -78,7 +78,7 @@ impl Passing {
 }
 
 impl Store {
-    /// The folders of a data folder, and the storage of which they hold copies; what an earlier process left
+    /// The folders of a data folder, which hold copies of the storage's objects; what an earlier process left
     /// half-written is removed.
     ///
     /// # Errors

@@ -19,7 +19,7 @@ use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use metrics_exporter_prometheus::PrometheusHandle;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Runtime;
@@ -163,21 +163,18 @@ pub fn run(
     if !listen.ip().is_loopback() && tls.is_none() && !insecure {
         return Err(ServeError::Open(listen));
     }
-    let failed = |path: &Path| {
-        let path = path.to_owned();
-        move |source| ServeError::File { path, source }
-    };
+    let failed = |source| ServeError::File { path: data.clone(), source };
     let _used = DataFolder::open(&data)?;
-    let secret = Secret::open(&data).map_err(failed(&data))?;
+    let secret = Secret::open(&data).map_err(failed)?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let storage = Storage::open(storage, &ledger)?;
-    let store = Arc::new(Store::open(&data, storage).map_err(failed(&data))?);
+    let store = Arc::new(Store::open(&data, storage).map_err(failed)?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
     let metrics = measurements::record().map_err(io::Error::other)?;
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
-    let (ledger_kept, store_kept) = (Arc::clone(&ledger), Arc::clone(&store));
-    let record = Record { ledger: ledger_kept, store: store_kept, secret, retention, own_scene };
+    let record =
+        Record { ledger: Arc::clone(&ledger), store: Arc::clone(&store), secret, retention, own_scene };
     let tls_of_calls = roots::tls(ca.as_deref())?;
     let traces = Traces::of_environment(&tls_of_calls)?;
     let runner = Runner::start(record, Arc::clone(&backend), limits, farm)?;

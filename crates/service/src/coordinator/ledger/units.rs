@@ -188,10 +188,11 @@ impl Ledger {
         let job = job.to_owned();
         self.change(move |transaction| {
             let FrameRow { number, hash, layers, metadata, objects, .. } = frame;
-            let update = "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5, objects = ?7 WHERE job = ?1 AND number = ?2 \
-                AND round = coalesce(?6, round) \
+            let update = "UPDATE frame SET hash = ?3, layers = ?4, metadata = ?5, objects = ?7 \
+                WHERE job = ?1 AND number = ?2 AND round = coalesce(?6, round) \
                 AND NOT EXISTS (SELECT 1 FROM comparison WHERE job = ?1 AND frame = ?2)";
-            if transaction.execute(update, params![job, number, hash, layers, metadata, round, objects])? == 0 {
+            if transaction.execute(update, params![job, number, hash, layers, metadata, round, objects])? == 0
+            {
                 return Ok(false);
             }
             count_and_remove(transaction, &job, number, "true")?;
