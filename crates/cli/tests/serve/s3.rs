@@ -339,7 +339,9 @@ fn scenes_are_written_to_addresses_and_taken_in_when_they_are_right() {
     assert_eq!(plain("GET", url, None, b"").status, 403, "it is for writing");
     let other: Vec<u8> = scene.iter().map(u8::to_ascii_uppercase).collect();
     assert_eq!(plain_with("PUT", url, None, Some(sum), &other).status, 400, "the sum is another");
-    assert_eq!(ask(&ann, &scene, "take").status, 409, "nothing was written");
+    // A storage may keep what it has refused.
+    let status = ask(&ann, &scene, "take").status;
+    assert!([409, 422].contains(&status), "nothing right was written: {status}");
     let write = || assert_eq!(plain_with("PUT", url, None, Some(sum), &scene).status, 200);
     write();
     // A storage that changes what it was given.
