@@ -229,14 +229,24 @@ impl<'t> Translator<'t> {
         let mut rest: Vec<(&'t str, usize)> =
             self.unfolded.iter().map(|(&name, &index)| (name, index)).collect();
         rest.sort_unstable_by_key(|&(_, index)| index);
+        let mut bytes = 0;
         for _ in 0..MOST_ROUNDS {
-            let (ready, waiting): (Vec<_>, Vec<_>) = rest.iter().partition(|&&(_, index)| {
+            let mut waiting = Vec::new();
+            for (name, index) in rest {
                 let mut needed = self.expression(index).filter_map(|token| self.constant(token));
-                needed.all(|name| self.written.contains_key(name))
-            });
-            for (name, index) in ready {
+                if !needed.all(|name| self.written.contains_key(name)) {
+                    waiting.push((name, index));
+                    continue;
+                }
                 let expression = self.written(self.expression(index))?;
+                bytes += expression.len();
+                if bytes > MOST_GROWTH * MAX_SOURCE_BYTES {
+                    return None;
+                }
                 self.written.insert(name, expression);
+            }
+            if waiting.is_empty() {
+                break;
             }
             rest = waiting;
         }
@@ -345,7 +355,8 @@ impl<'t> Translator<'t> {
         let mut found = HashSet::new();
         let mut edits = Vec::new();
         for token in tokens.clone().filter(|&token| self.text(token) == "const") {
-            let end = (token..tokens.end).find(|&token| self.text(token) == ";").unwrap_or(tokens.end);
+            let ends = |&token: &usize| [";", "{", "}", "const"].contains(&self.text(token));
+            let end = (token + 1..tokens.end).find(ends).unwrap_or(tokens.end);
             if self.is_unfolded(self.behind_equals(token..end), &found) {
                 found.insert(self.text(token + 1));
                 edits.push(self.replaced(token, "let"));
@@ -393,10 +404,10 @@ impl<'t> Translator<'t> {
         edits
     }
 
-    /// The comma or the parenthesis behind an argument.
+    /// The comma or the parenthesis behind an argument, or what is wrong in its place.
     fn end_of_argument(&self, first: usize) -> usize {
         let mut token = first;
-        while token < self.tokens.len() && ![",", ")"].contains(&self.text(token)) {
+        while token < self.tokens.len() && ![",", ")", ";", "]", "}"].contains(&self.text(token)) {
             let opens = ["(", "[", "{"].contains(&self.text(token));
             token = if opens { closing(self.tokens, token) + 1 } else { token + 1 };
         }
@@ -484,5 +495,24 @@ mod tests {
             own += &format!("const a{} = a{i} + a{i};", i + 1);
         }
         assert!(Translation::new(&own, "").is_none());
+        let mut own = format!("const a = sin({}1.0);", "1.0+".repeat(100_000));
+        for i in 0..1000 {
+            own += &format!("const b{i} = a;");
+        }
+        assert!(Translation::new(&own, "").is_none(), "many copies of a long one");
+    }
+
+    /// In the square of its length each would take hours. Deep nesting is refused before.
+    #[test]
+    fn hostile_text_is_translated_soon() {
+        for piece in ["const ", "sin(}", "sin(]", "const a = sin(1.0) ", "sin(1.0;", "const x = sin(} "] {
+            let own = format!("fn f() {{ {} }}", piece.repeat(MAX_SOURCE_BYTES / piece.len()));
+            let _ = Translation::new(&own, "fn noise() {}");
+        }
+        let mut own = String::from("const a0 = sin(1.0);");
+        for i in 0..3000 {
+            own += &format!("const a{} = a{i};", i + 1);
+        }
+        assert!(Translation::new(&own, "").is_some(), "a chain");
     }
 }
