@@ -56,7 +56,7 @@ pub struct ShaderError {
     /// The line with marks below the place.
     excerpt: String,
     /// Errors of other declarations.
-    others: Vec<Self>,
+    others: Box<[Self]>,
 }
 
 impl ShaderError {
@@ -160,29 +160,32 @@ impl Source {
     pub fn parse(file: &str, own: &str, prelude: &str) -> Result<Self, ShaderError> {
         let (mut first, mut at) = match Self::parse_once(file, own, prelude) {
             Ok(source) => return Ok(source),
-            Err(refused) => refused,
+            Err(refused) => *refused,
         };
         // The declarations with errors are taken away, until there is no error or it is not known where it is.
         let mut repaired = Repaired::new(own);
-        while first.others.len() + 1 < MOST_ERRORS
+        let mut others = Vec::new();
+        while others.len() + 1 < MOST_ERRORS
             && let Some(place) = at
             && repaired.take_away(place)
         {
-            let Err((error, next)) = Self::parse_once(file, &repaired.text(), prelude) else { break };
+            let Err(refused) = Self::parse_once(file, &repaired.text(), prelude) else { break };
+            let (error, next) = *refused;
             at = next;
             if next.is_some_and(|place| place < own.len()) && !repaired.names_one_gone(&error.message) {
-                first.others.push(error);
+                others.push(error);
             }
         }
-        first.others.sort_by_key(|error| error.line);
+        others.sort_by_key(|error: &ShaderError| error.line);
+        first.others = others.into();
         Err(first)
     }
 
     /// Parses and validates a text. The error comes with its place in the text.
-    fn parse_once(file: &str, own: &str, prelude: &str) -> Result<Self, (ShaderError, Option<usize>)> {
+    fn parse_once(file: &str, own: &str, prelude: &str) -> Result<Self, Box<(ShaderError, Option<usize>)>> {
         let whole = |message: String, remedy: &str, at: Option<usize>| {
             let range = at.map(|at| at..at + 1);
-            Err((error(file, own, range, message, remedy.into()), None))
+            Err(Box::new((error(file, own, range, message, remedy.into()), None)))
         };
         if own.len() > MAX_SOURCE_BYTES {
             let message = format!("the shader has {} bytes; at most {MAX_SOURCE_BYTES} are read", own.len());
@@ -204,7 +207,7 @@ impl Source {
         let text = SourceText { file: file.into(), own: own.into(), parsed, translation };
         let refused = |text: &SourceText, fault: Fault| {
             let at = text.own_range(fault.span).map(|range| range.start);
-            Err((text.error(&fault), at))
+            Err(Box::new((text.error(&fault), at)))
         };
         let module = match Frontend::new().parse(&text.parsed) {
             Ok(module) => module,
@@ -267,7 +270,7 @@ fn line_of(text: &str, at: usize) -> u32 {
 
 /// An error at some bytes of a text, or of the whole text.
 fn error(file: &str, own: &str, range: Option<Range<usize>>, message: String, remedy: String) -> ShaderError {
-    let (file, excerpt, others) = (file.into(), String::new(), Vec::new());
+    let (file, excerpt, others) = (file.into(), String::new(), Box::default());
     let mut error = ShaderError { file, line: 0, column: 0, message, remedy, excerpt, others };
     let Some(range) = range.filter(|range| range.start <= own.len()) else { return error };
     let start = floor_boundary(own, range.start);

@@ -255,6 +255,7 @@ fn endless_loops_are_told() {
                 loop { x = x * 0.5; if (x > 9.0) { break; } } f.roughness = x; return f; }";
     let shader = PatternShader::load("endless.wgsl", text, []).expect("valid");
     let ran = catch_unwind(AssertUnwindSafe(|| finish_at(&shader, [1.0; 3])));
-    let Stopped(reason) = *ran.err().expect("the loop does not end").downcast().expect("no panic");
+    let Err(thrown) = ran else { panic!("the loop does not end") };
+    let Stopped(reason) = *thrown.downcast().expect("no panic");
     assert!(reason.starts_with("this loop takes too many turns\n --> endless.wgsl:2:1\n"), "{reason}");
 }

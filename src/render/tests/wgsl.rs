@@ -169,7 +169,7 @@ fn endless_loops_are_errors_with_their_place() {
             loop { x += 1.0; if (x < 0.0) { break; } }
             splat(vec3f(x)); }";
     let ran = catch_unwind(AssertUnwindSafe(|| pixels(&integrator(text, &room()), 64)));
-    let thrown = ran.err().expect("the loop does not end");
+    let thrown = ran.expect_err("the loop does not end");
     let Stopped(reason) = *thrown.downcast().expect("no panic");
     assert!(reason.starts_with("this loop takes too many turns\n --> test.wgsl:3:13\n"), "{reason}");
     assert!(reason.contains("  |             ^"), "{reason}");
