@@ -11,7 +11,6 @@ use super::source::{ShaderError, SourceText};
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
 use crate::scene::{Points, Scattered, Scattering};
 use std::fmt;
-#[cfg(feature = "gpu")]
 use std::sync::Arc;
 
 const PREPARE: Signature = Signature {
