@@ -191,7 +191,7 @@ impl Source {
             let message = format!("the shader has {} bytes; at most {MAX_SOURCE_BYTES} are read", own.len());
             return whole(message, "split it into shaders of several materials", None);
         }
-        if let Some(at) = too_deep(own) {
+        if let Some(at) = too_deep(own, 1) {
             let message = format!(
                 "parentheses are nested more than {MAX_NESTING} deep, or a statement has more than {MAX_OPERATORS} \
                  operators"
@@ -203,6 +203,11 @@ impl Source {
                 "constants that depend on functions like `sin` become too long when they are written out";
             return whole(message.into(), "compute them in a function", None);
         };
+        // Constants that are written out nest deeper than the file does.
+        if too_deep(&translation.text, 2).is_some() {
+            let message = "constants that depend on functions like `sin` depend on each other too deeply";
+            return whole(message.into(), "compute them in a function", None);
+        }
         let parsed = format!("{}\n{prelude}", translation.text);
         let text = SourceText { file: file.into(), own: own.into(), parsed, translation };
         let refused = |text: &SourceText, fault: Fault| {
@@ -238,8 +243,8 @@ impl Source {
     }
 }
 
-/// The byte at which nesting becomes too deep, or a statement too long.
-fn too_deep(text: &str) -> Option<u32> {
+/// The byte at which nesting becomes too deep, or a statement too long, by so many times the limits.
+fn too_deep(text: &str, times: usize) -> Option<u32> {
     let (mut depth, mut operators, mut at) = (0usize, 0usize, 0);
     for line in text.split_inclusive('\n') {
         let code = line.split("//").next().unwrap_or_default();
@@ -254,7 +259,7 @@ fn too_deep(text: &str) -> Option<u32> {
                 _ if b"+-*/%<>=!~&|^.[".contains(&byte) => operators += 1,
                 _ => {}
             }
-            if depth > MAX_NESTING || operators > MAX_OPERATORS {
+            if depth > times * MAX_NESTING || operators > times * MAX_OPERATORS {
                 return Some((at + offset) as u32);
             }
         }

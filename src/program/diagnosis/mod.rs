@@ -85,11 +85,11 @@ impl Refusal<'_> {
         if message.contains("type passed as argument #") {
             return Some(wrong_argument(message, &self.labels, &self.notes));
         }
-        if message.starts_with("constructor expects") {
+        if message.contains("components, found") {
             let remedy = "give one number for each component, or a single one for all";
             return Some(Fault::new(self.place(0), sentence(message), remedy));
         }
-        if message.starts_with("cannot cast") || message.contains("enable extension") {
+        if message.starts_with("Cannot cast") || message.contains("enable extension") {
             let remedy = "numbers have 32 bits: `f32`, `i32`, `u32`";
             return Some(Fault::new(self.place(0), "shaders have no numbers of this size", remedy));
         }
