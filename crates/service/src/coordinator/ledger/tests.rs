@@ -232,20 +232,25 @@ fn comparisons_outlive_the_process_and_are_counted() {
     let expected = UnitRow { blocks: 2, state: UnitState::Kept, ..row.clone() };
     assert_eq!(pending, [Pending { unit: expected, blocks, name: "w".into() }]);
     assert!(ledger.pending("a1", 1).expect("pending").is_empty());
-    let early = FrameRow {
-        number: 0,
-        name: String::new(),
-        hash: Some("h".into()),
-        layers: None,
-        metadata: None,
-        objects: None,
-    };
+    let early = first_frame();
     assert!(!ledger.finish_frame("a1", early, Some(0)).expect("a ledger"), "it is to be compared first");
     for _ in 0..2 {
         ledger.end_comparison("a1", &row, ["K".into(), "L".into()]).expect("ended once");
     }
     assert!(ledger.pending("a1", 0).expect("pending").is_empty());
     assert_eq!(ledger.checks("a1").expect("checks"), Checks { compared: 1, keys: 2, suspects: vec![] });
+}
+
+/// A finished frame 0.
+fn first_frame() -> FrameRow {
+    FrameRow {
+        number: 0,
+        name: String::new(),
+        hash: Some("h".into()),
+        layers: None,
+        metadata: None,
+        objects: None,
+    }
 }
 
 #[test]
@@ -270,14 +275,7 @@ fn who_is_found_wrong_makes_ended_jobs_suspect_and_others_begin_anew() {
         (1, 0, vec![]),
         "what was cut before is no unit any more"
     );
-    let late = FrameRow {
-        number: 0,
-        name: String::new(),
-        hash: Some("h".into()),
-        layers: None,
-        metadata: None,
-        objects: None,
-    };
+    let late = first_frame();
     assert!(!ledger.finish_frame("b1", late, Some(0)).expect("a ledger"), "a picture of the round before");
     assert!(!ledger.fold("b1", (0, 0), 9).expect("read"), "sums of the round before");
     assert_eq!(ledger.open_frames("b1", 9).expect("frames"), [0, 1]);
