@@ -124,20 +124,6 @@ fn strips_fans_and_indices_of_every_type() {
 }
 
 #[test]
-fn points_and_lines_are_left_out_with_a_warning() {
-    let mut document = Document::triangle();
-    let primitive = document.json["meshes"][0]["primitives"][0].clone();
-    for mode in 0..4 {
-        let mut primitive = primitive.clone();
-        primitive["mode"] = json!(mode);
-        document.json["meshes"][0]["primitives"].as_array_mut().expect("a list").insert(0, primitive);
-    }
-    let scene = document.scene();
-    assert_eq!((scene.mesh.triangles.len(), scene.warnings.len()), (1, 1));
-    assert!(warns(&scene, &["Points and lines"]));
-}
-
-#[test]
 fn primitives_share_vertices_and_fill_in_what_they_lack() {
     let mut document = slope();
     let bare = document.floats("VEC3", &[0.0, 0.0, 5.0, 1.0, 0.0, 5.0, 0.0, 1.0, 5.0]);

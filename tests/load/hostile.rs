@@ -129,8 +129,9 @@ fn a_scene_without_triangles_says_why() {
     folder.write("lines.obj", "v 0 0 0\nv 1 0 0\nl 1 2\np 1\n");
     assert_holds(&folder.message("lines.obj"), &["no triangles", "Lines and points are ignored"]);
     let mut document = Document::triangle();
-    document.json["meshes"][0]["primitives"][0]["mode"] = json!(0);
-    assert_holds(&document.message(), &["no triangles", "Points and lines are ignored"]);
+    // Two vertices make no triangle.
+    document.json["accessors"][0]["count"] = json!(2);
+    assert_holds(&document.message(), &["no triangles"]);
     let wide: Vec<u8> = OBJ.encode_utf16().flat_map(u16::to_le_bytes).collect();
     folder.write("wide.obj", [&[0xff, 0xfe], &wide[..]].concat());
     assert_holds(&folder.message("wide.obj"), &["UTF-16", "UTF-8"]);

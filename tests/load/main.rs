@@ -22,3 +22,4 @@ mod random;
 mod recipe;
 mod stl;
 mod streams;
+mod strokes;

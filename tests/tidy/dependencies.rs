@@ -161,6 +161,40 @@ fn dependencies_have_reasons() {
     super::breach::assert_none("dependencies", unexplained(Tree::repository(), &direct(&metadata)));
 }
 
+/// The packages that a command compiles, each with its version and features.
+fn compiled(arguments: &[&str]) -> BTreeSet<String> {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["tree", "--locked", "--offline", "--prefix", "none", "--format", "{p} {f}", "--no-dedupe"])
+        .args(arguments)
+        .current_dir(super::tree::root())
+        .output()
+        .expect("cargo starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    text.lines().map(|line| line.trim_end().to_owned()).collect()
+}
+
+#[test]
+fn tests_compile_no_package_again_that_the_program_needs() {
+    let run = Tree::repository().text("tests/run");
+    let features = regex(r"cargo test --release --locked --workspace --features (\S+)").captures(run);
+    let features = features.expect("a command of tests")[1].to_owned();
+    let program = compiled(&["-p", "raystream", "-p", "raystream-cli", "--edges", "normal,build"]);
+    let tests = compiled(&["--workspace", "--features", &features, "--edges", "normal,build,dev"]);
+    assert!(tests.len() > program.len() && program.iter().any(|package| package.starts_with("wgpu ")));
+    // The service is a feature of these two.
+    let is_other = |package: &&String| {
+        ["raystream-bench ", "raystream-cli "].iter().any(|name| package.starts_with(name))
+    };
+    let again: Vec<&String> = program.difference(&tests).filter(|package| !is_other(package)).collect();
+    assert!(
+        again.is_empty(),
+        "tests turn on features of packages that the program needs, so all that stands on them is compiled twice; turn \
+         them on in crates/cli/Cargo.toml, too: {again:#?}"
+    );
+}
+
 #[test]
 fn licences_are_allowed() {
     let of_host = || {

@@ -17,6 +17,9 @@ spec_group! {
         maybe "time" time: form::Time, "SECONDS";
         /// Show the glTF file's animation of this name instead of its first one.
         maybe "animation" animation: form::Text, "NAME";
+        /// Diameter of the balls and tubes that are shown for points and lines (glTF, PLY without faces), in units of
+        /// the scene. By default it follows from the scene's size.
+        maybe "stroke-width" stroke_width: form::Positive, "WIDTH";
     }
 }
 
@@ -26,6 +29,8 @@ impl LoadingSpec {
         let options = LoadOptions::default().with_memory(*memory).with_allow_missing(self.allow_missing);
         let options = self.variant.iter().fold(options, LoadOptions::with_variant);
         let options = self.time.iter().fold(options, |options, time| options.with_time(*time));
+        let options =
+            self.stroke_width.iter().fold(options, |options, width| options.with_stroke_width(*width));
         self.animation.iter().fold(options, LoadOptions::with_animation)
     }
 }

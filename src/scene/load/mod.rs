@@ -4,7 +4,8 @@
 //! A loader returns either a scene that satisfies all invariants of [`Scene`], or one error that names the file and
 //! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive
 //! ids follow the order of the faces in the file. Polygons become fans around their first corner. Faces with a vertex
-//! that is not finite are dropped, with a warning. No input makes a loader panic, or take more memory than
+//! that is not finite are dropped, with a warning. Points and lines of glTF files, and the vertices of PLY files without
+//! faces, become balls and tubes. No input makes a loader panic, or take more memory than
 //! [`LoadOptions::with_memory`] allows: large things are counted before they are allocated. The file that the caller
 //! names may be a pipe; what a scene names must be a regular file.
 //!
@@ -48,6 +49,7 @@ mod plain;
 mod ply;
 mod session;
 mod stl;
+mod strokes;
 #[cfg(feature = "formats")]
 mod textures;
 mod warnings;

@@ -22,6 +22,7 @@ pub struct LoadOptions {
     pub(super) variant: Option<String>,
     pub(super) time: Option<f64>,
     pub(super) animation: Option<String>,
+    pub(super) stroke_width: Option<f32>,
     pub(super) root: Option<PathBuf>,
 }
 
@@ -58,6 +59,13 @@ impl LoadOptions {
     #[must_use]
     pub fn with_animation(self, name: impl Into<String>) -> Self {
         Self { animation: Some(name.into()), ..self }
+    }
+
+    /// The diameter of the balls and tubes that stand for points and lines, above 0, in the scene's units. Otherwise it
+    /// follows from the scene's size and the number of points.
+    #[must_use]
+    pub fn with_stroke_width(self, width: f32) -> Self {
+        Self { stroke_width: Some(width), ..self }
     }
 
     /// The folder that a scene's files lie in: to name one outside of it is an error, whether it is there or not. The

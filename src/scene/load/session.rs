@@ -5,7 +5,7 @@ use super::read_named;
 use super::warnings::Warnings;
 use super::{LoadOptions, LoadProblem, read};
 use crate::memory::OutOfMemory;
-use crate::scene::{MeshSize, TriangleMesh};
+use crate::scene::{MAX_TRIANGLES, MeshError, MeshSize, TriangleMesh};
 use std::path::{Path, PathBuf};
 
 /// The scene's file, the options, the warnings and named files so far, and the bytes that the scene holds so far.
@@ -80,8 +80,12 @@ impl Session {
     /// Counts a mesh that is about to be made, and takes its memory.
     ///
     /// # Errors
-    /// When the budget does not allow it, or the system does not give it.
+    /// When it has too many triangles, the budget does not allow it, or the system does not give it.
     pub(super) fn reserve(&mut self, mesh: &mut TriangleMesh, size: MeshSize) -> Result<(), LoadProblem> {
+        if size.triangles > MAX_TRIANGLES as u64 {
+            let source = MeshError::TooMany { found: size.triangles as usize, max: MAX_TRIANGLES };
+            return Err(LoadProblem::Mesh { path: self.path.clone(), source });
+        }
         self.hold(size.to_string(), size.bytes()).map_err(|source| self.over(source))?;
         size.reserve(mesh).map_err(|source| self.over(source))
     }

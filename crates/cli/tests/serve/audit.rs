@@ -80,6 +80,16 @@ fn each_step_of_a_job_names_its_request_even_after_a_restart() {
     let is = |line: &Value, start: &str| {
         line["job"] == *id && line["message"].as_str().is_some_and(|message| message.starts_with(start))
     };
+    let wrong = json!({ "scene": scene, "size": "8x8", "spp": 1, "variant": "none has this name" });
+    let named = [("Content-Type", "application/json"), ("X-Request-Id", "nightly-9")];
+    let wrong =
+        service.send("POST", "/api/v1/jobs", &named, wrong.to_string().into_bytes()).json()["id"].clone();
+    let failed = lines(&first, "the failure", |line| {
+        line["job"] == wrong && line["message"].as_str().is_some_and(|message| message.starts_with("failed"))
+    });
+    for line in failed.iter().filter(|line| line["job"] == wrong) {
+        assert_eq!(line["request"], "nightly-9", "{line}");
+    }
     lines(&first, "the first frame", |line| is(line, "frame"));
     let steer = |service: &Service, verb: &str| {
         assert_eq!(service.post(&format!("/api/v1/jobs/{id}/{verb}"), &json!({})).status, 200, "{verb}");

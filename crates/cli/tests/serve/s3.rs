@@ -236,6 +236,31 @@ fn pictures_and_scenes_lie_in_the_bucket_and_come_back_with_their_bytes() {
 }
 
 #[test]
+fn objects_of_several_requests_come_back_whole() {
+    let (server, data) = (Server::start(), folder());
+    let service = server.service(data.path(), &[]);
+    let mut scene = std::fs::read(shipped("cornell.json")).expect("a scene");
+    let right = rendered(&shipped("cornell.json"), &["--size", "16x12", "--spp", "2", "--seed", "1"]);
+    // Two whole requests and a part of one.
+    scene.resize((16 << 20) + 5, b' ');
+    let id = sha256(&scene);
+    assert_eq!(service.upload(&scene).1.status, 201);
+    let object = server.object(&format!("scenes/{id}"));
+    assert!(std::fs::read(&object).expect("an object") == scene);
+    service.kill();
+    let service = server.service(data.path(), &["--storage-cache", "1", "--storage-rest", "1s"]);
+    wait_until("its copy goes", || copies(data.path(), "scenes") == 0);
+    let job = service.submit(&id, &small(1));
+    assert_eq!(service.hashes(&job), [right]);
+    wait_until("its copy goes again", || copies(data.path(), "scenes") == 0);
+    // A byte of the last request is another.
+    *scene.last_mut().expect("bytes") = b'\n';
+    std::fs::write(&object, &scene).expect("a file");
+    let refused = service.post("/api/v1/jobs", &json!({ "scene": id, "size": "8x8", "spp": 1 }));
+    assert!(refused.status == 502 && detail(&refused).contains("other bytes"), "{}", refused.json());
+}
+
+#[test]
 fn without_the_storage_nothing_is_lost_and_everyone_is_told() {
     let (mut server, data) = (Server::start(), folder());
     let service = server.service(data.path(), &[]);

@@ -2,6 +2,7 @@
 
 use super::super::LoadProblem;
 use super::super::dropped::Dropped;
+use super::super::strokes::{self, Strokes};
 use super::Context;
 use super::accessor;
 use super::bent::{Bending, Bent};
@@ -11,10 +12,10 @@ use super::material::Converted;
 use super::variant::MaterialsByPrimitive;
 use crate::geom::{Bend, Placement};
 use crate::lanes::each;
-use crate::scene::{AlphaMode, Instance, MAX_TRIANGLES, MeshError, MeshSize, Shape, TriangleMesh};
+use crate::scene::{AlphaMode, Instance, MeshSize, Shape, TriangleMesh};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
-use glam::{DMat4, Vec2, Vec4};
+use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The materials of a document, and which primitive has which.
@@ -38,6 +39,7 @@ pub(super) struct Flattened<'a> {
     materials: Materials<'a>,
     mesh: TriangleMesh,
     instances: InstancesByGeometry<'a>,
+    strokes: Strokes,
     dropped: Dropped,
     uses_fallback: bool,
 }
@@ -76,6 +78,7 @@ impl<'a> Flattened<'a> {
             materials,
             mesh: TriangleMesh::default(),
             instances: InstancesByGeometry::default(),
+            strokes: Strokes::default(),
             dropped: Dropped::default(),
             uses_fallback: false,
         }
@@ -90,6 +93,7 @@ impl<'a> Flattened<'a> {
         context: &mut Context,
     ) -> Result<(TriangleMesh, Vec<Shape>, bool), LoadProblem> {
         let mesh = &mut self.mesh;
+        self.strokes.finish(mesh, context.session.options.stroke_width, &mut context.session.warnings);
         self.dropped.finish(&mut mesh.positions, &mut context.session.warnings);
         let count = mesh.positions.len();
         // An attribute that no vertex has stays empty.
@@ -123,10 +127,6 @@ impl<'a> Flattened<'a> {
     /// # Errors
     /// When there are too many triangles, or the memory cannot be had.
     pub(super) fn reserve(&mut self, context: &mut Context, size: MeshSize) -> Result<(), LoadProblem> {
-        if size.triangles > MAX_TRIANGLES as u64 {
-            let source = MeshError::TooMany { found: size.triangles as usize, max: MAX_TRIANGLES };
-            return Err(LoadProblem::Mesh { path: context.session.path.clone(), source });
-        }
         context.session.reserve(&mut self.mesh, size)
     }
 
@@ -144,18 +144,51 @@ impl<'a> Flattened<'a> {
         let transform = NodeTransform::new(matrix);
         let mut bases = BTreeMap::new();
         for primitive in mesh.primitives() {
-            if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-                context.session.warnings.add("Points and lines are ignored, because they have no surface.");
-                continue;
-            }
             if primitive.get(&Semantic::Colors(1)).is_some() {
                 context.session.warnings.add("A mesh has several sets of colours; COLOR_0 is used.");
             }
             let place = || place(mesh, &primitive);
-            self.primitive(context, mesh, &primitive, (&transform, bending), &mut bases)
-                .map_err(|problem| context.error(place(), problem))?;
+            let added = match is_stroke(primitive.mode()) {
+                true => self.strokes(context, mesh, &primitive, (&transform, bending)),
+                false => self.primitive(context, mesh, &primitive, (&transform, bending), &mut bases),
+            };
+            added.map_err(|problem| context.error(place(), problem))?;
         }
         Ok(())
+    }
+
+    /// Adds balls or tubes for points or lines.
+    fn strokes(
+        &mut self,
+        context: &mut Context,
+        mesh: &::gltf::Mesh<'a>,
+        primitive: &Primitive<'a>,
+        (transform, bending): (&NodeTransform, &Bending),
+    ) -> Result<(), String> {
+        let material = self.materials.chosen.of(mesh.index(), primitive);
+        let attributes = self.attributes(context, primitive, material)?;
+        let bent = bending.bend(context, primitive, &attributes, transform)?;
+        let placed = bent.positions.into_iter().enumerate();
+        let place = |i: usize| format!("vertex {i} of {}, in the world", place(mesh, primitive));
+        let positions: Vec<Vec3> =
+            placed.map(|(i, position)| self.dropped.checked(position, || place(i))).collect();
+        let mut ends = ends(primitive.mode(), &indices(context, primitive, positions.len())?);
+        ends.retain(|ends| !self.dropped.drops(ends.map(|end| positions[end as usize])));
+        let base = self.mesh.positions.len();
+        check_count(base + size_of_strokes(primitive.mode(), ends.len() as u64).vertices as usize)?;
+        pad(&mut self.mesh.normals, base);
+        let stand_for = self.strokes.add(&mut self.mesh, &ends, &positions);
+        self.columns(context, &attributes, base, Some(&stand_for))?;
+        let material = self.material_index(material);
+        self.mesh.materials.resize(self.mesh.triangles.len(), material);
+        Ok(())
+    }
+
+    /// The number of a primitive's material in the scene.
+    fn material_index(&mut self, material: Option<usize>) -> u32 {
+        let fallback = self.materials.converted.len();
+        self.uses_fallback |= material.is_none();
+        material.unwrap_or(fallback) as u32
     }
 
     fn primitive(
@@ -189,10 +222,7 @@ impl<'a> Flattened<'a> {
         }
         let converted = self.materials.converted;
         let masked = material.is_some_and(|m| converted[m].material.alpha.mode != AlphaMode::Opaque);
-        let material = material.unwrap_or_else(|| {
-            self.uses_fallback = true;
-            converted.len()
-        }) as u32;
+        let material = self.material_index(material);
         let triangles = triangles(primitive.mode(), &indices);
         let first = self.mesh.triangles.len();
         for &[a, b, c] in &triangles {
@@ -263,12 +293,7 @@ impl<'a> Flattened<'a> {
         Bent { positions, normals, tangents, .. }: Bent,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
-        if u32::try_from(base + positions.len()).is_err() {
-            return Err(format!(
-                "the scene has more than {} vertices, the most that are supported",
-                u32::MAX
-            ));
-        }
+        check_count(base + positions.len())?;
         for (i, position) in positions.into_iter().enumerate() {
             let place = || format!("vertex {i} of {}, in the world", place());
             self.mesh.positions.push(self.dropped.checked(position, place));
@@ -277,28 +302,81 @@ impl<'a> Flattened<'a> {
             pad(&mut self.mesh.normals, base);
             self.mesh.normals.extend(normals);
         }
-        for (set, accessor) in attributes.uvs.iter().enumerate() {
-            let Some(accessor) = accessor else { continue };
-            let mesh = &mut self.mesh;
-            mesh.more_uvs.resize(mesh.more_uvs.len().max(set), Vec::new());
-            let column = if set == 0 { &mut mesh.uvs } else { &mut mesh.more_uvs[set - 1] };
-            pad(column, base);
-            let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
-            let uvs = read_attribute(context, "TEXCOORD", accessor)?;
-            column.extend(uvs.into_iter().map(|uv| finite(uv).unwrap_or_default()));
-        }
-        if let Some(accessor) = &attributes.colours {
-            self.mesh.colours.resize(base, Vec4::ONE);
-            let colours = accessor::colours(context.buffers, accessor)
-                .map_err(|problem| format!("COLOR_0 (accessors[{}]): {problem}", accessor.index()))?;
-            self.mesh.colours.extend(colours);
-        }
+        self.columns(context, attributes, base, None)?;
         if attributes.tangents.is_some() {
             pad(&mut self.mesh.tangents, base);
             self.mesh.tangents.extend(tangents);
         }
         Ok(base as u32)
     }
+
+    /// Adds texture coordinates and colours of the vertices from `base` on: one after the other, or those that new
+    /// vertices stand for.
+    fn columns(
+        &mut self,
+        context: &Context,
+        attributes: &Attributes,
+        base: usize,
+        stand_for: Option<&[u32]>,
+    ) -> Result<(), String> {
+        let mesh = &mut self.mesh;
+        for (set, accessor) in attributes.uvs.iter().enumerate() {
+            let Some(accessor) = accessor else { continue };
+            mesh.more_uvs.resize(mesh.more_uvs.len().max(set), Vec::new());
+            let column = if set == 0 { &mut mesh.uvs } else { &mut mesh.more_uvs[set - 1] };
+            pad(column, base);
+            let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
+            let uvs = read_attribute(context, "TEXCOORD", accessor)?.into_iter();
+            let uvs: Vec<Vec2> = uvs.map(|uv| finite(uv).unwrap_or_default()).collect();
+            extend(column, uvs, stand_for);
+        }
+        if let Some(accessor) = &attributes.colours {
+            mesh.colours.resize(base, Vec4::ONE);
+            let colours = accessor::colours(context.buffers, accessor)
+                .map_err(|problem| format!("COLOR_0 (accessors[{}]): {problem}", accessor.index()))?;
+            extend(&mut mesh.colours, colours, stand_for);
+        }
+        Ok(())
+    }
+}
+
+/// Appends values: all of them, or those of some vertices.
+fn extend<T: Copy>(column: &mut Vec<T>, values: Vec<T>, of: Option<&[u32]>) {
+    match of {
+        None => column.extend(values),
+        Some(vertices) => column.extend(vertices.iter().map(|&vertex| values[vertex as usize])),
+    }
+}
+
+/// True for points and lines.
+fn is_stroke(mode: Mode) -> bool {
+    matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip)
+}
+
+/// The size of the balls or tubes of so many points or lines.
+fn size_of_strokes(mode: Mode, count: u64) -> MeshSize {
+    if mode == Mode::Points { strokes::size_of_points(count) } else { strokes::size_of_lines(count) }
+}
+
+/// Checks that a mesh of so many vertices can be indexed.
+fn check_count(vertices: usize) -> Result<(), String> {
+    match u32::try_from(vertices) {
+        Ok(_) => Ok(()),
+        Err(_) => Err(format!("the scene has more than {} vertices, the most that are supported", u32::MAX)),
+    }
+}
+
+/// The two ends of each line that a list of vertices forms; points are lines from a vertex to itself.
+fn ends(mode: Mode, indices: &[u32]) -> Vec<[u32; 2]> {
+    let mut ends: Vec<[u32; 2]> = match mode {
+        Mode::Points => indices.iter().map(|&index| [index; 2]).collect(),
+        Mode::Lines => indices.chunks_exact(2).map(|line| [line[0], line[1]]).collect(),
+        _ => indices.windows(2).map(|line| [line[0], line[1]]).collect(),
+    };
+    if let (Mode::LineLoop, [first, .., last]) = (mode, indices) {
+        ends.push([*last, *first]);
+    }
+    ends
 }
 
 /// The name of a primitive in messages.
@@ -316,12 +394,14 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         let vertices = accessor::expected_count(buffers, &positions);
         let indices = primitive.indices();
         let corners = indices.map_or(vertices, |indices| accessor::expected_count(buffers, &indices));
+        let lines = if primitive.mode() == Mode::Lines { corners / 2 } else { corners };
+        let strokes = size_of_strokes(primitive.mode(), lines);
         let triangles = match primitive.mode() {
-            Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => continue,
+            mode if is_stroke(mode) => strokes.triangles,
             Mode::Triangles => corners / 3,
-            Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+            _ => corners.saturating_sub(2),
         };
-        let [normals, uvs, tangents, colours] =
+        let [mut normals, uvs, tangents, colours] =
             [Semantic::Normals, Semantic::TexCoords(0), Semantic::Tangents, Semantic::Colors(0)]
                 .map(|semantic| primitive.get(&semantic).is_some());
         let sets = materials.uv_sets(materials.chosen.of(mesh.index(), &primitive)).len();
@@ -330,7 +410,10 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
         let is_bent =
             primitive.morph_targets().next().is_some() || primitive.get(&Semantic::Joints(0)).is_some();
-        let vertices = if counted.insert(attributes) || is_bent { vertices } else { 0 };
+        let mut vertices = if counted.insert(attributes) || is_bent { vertices } else { 0 };
+        if is_stroke(primitive.mode()) {
+            (vertices, normals) = (strokes.vertices, true);
+        }
         size += MeshSize { vertices, triangles, normals, uvs, tangents, colours, more_uvs };
     }
     size

@@ -8,6 +8,7 @@ mod values;
 
 use super::dropped::Dropped;
 use super::session::Session;
+use super::strokes::{self, Strokes};
 use super::{LoadProblem, plain, quote};
 use crate::scene::{MeshSize, Scene, TriangleMesh, srgb};
 use glam::{Vec2, Vec3};
@@ -16,16 +17,19 @@ use std::path::Path;
 use values::Values;
 
 /// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`, `red green blue alpha`) and faces or triangle
-/// strips. The material is matte, of the vertices' colours or grey.
+/// strips. The material is matte, of the vertices' colours or grey. The vertices of a file without faces become balls.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
     let bytes = session.read()?;
     let header = Header::read(&path, &bytes)?;
     let values = Values::new(&bytes, &header);
     let (mesh, dropped) = (TriangleMesh::default(), Dropped::default());
-    let mut reader = Reader { path: &path, values, mesh, dropped, has_alpha: false };
+    let mut reader = Reader { path: &path, values, mesh, dropped, has_alpha: false, has_faces: false };
     for element in &header.elements {
         reader.element(element, session)?;
+    }
+    if !reader.has_faces {
+        reader.points(session)?;
     }
     let Reader { mut mesh, dropped, has_alpha, .. } = reader;
     dropped.finish(&mut mesh.positions, &mut session.warnings);
@@ -71,6 +75,7 @@ struct Reader<'a> {
     dropped: Dropped,
     /// True if the vertices' colours have an alpha.
     has_alpha: bool,
+    has_faces: bool,
 }
 
 impl Reader<'_> {
@@ -173,6 +178,7 @@ impl Reader<'_> {
             session.warnings.add("Colours of faces are ignored; those of vertices are shown.");
         }
         let vertices = self.mesh.positions.len();
+        self.has_faces |= element.count > 0;
         // At least one triangle a row.
         let triangles = element.count as u64;
         session.reserve(&mut self.mesh, MeshSize { triangles, ..MeshSize::default() })?;
@@ -205,6 +211,31 @@ impl Reader<'_> {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Puts balls in the place of the vertices.
+    fn points(&mut self, session: &mut Session) -> Result<(), LoadProblem> {
+        let TriangleMesh { positions, uvs, colours, .. } = std::mem::take(&mut self.mesh);
+        let size = MeshSize {
+            uvs: !uvs.is_empty(),
+            colours: !colours.is_empty(),
+            ..strokes::size_of_points(positions.len() as u64)
+        };
+        session.reserve(&mut self.mesh, size)?;
+        let for_a_while = 8 * positions.len() as u64 + 4 * size.vertices;
+        session.check("points", for_a_while).map_err(|source| session.over(source))?;
+        let is_kept = |index: &u32| !positions[*index as usize].is_nan();
+        let points: Vec<[u32; 2]> = (0..positions.len() as u32).filter(is_kept).map(|i| [i, i]).collect();
+        let mut strokes = Strokes::default();
+        let stand_for = strokes.add(&mut self.mesh, &points, &positions);
+        if !uvs.is_empty() {
+            self.mesh.uvs.extend(stand_for.iter().map(|&vertex| uvs[vertex as usize]));
+        }
+        if !colours.is_empty() {
+            self.mesh.colours.extend(stand_for.iter().map(|&vertex| colours[vertex as usize]));
+        }
+        strokes.finish(&mut self.mesh, session.options.stroke_width, &mut session.warnings);
         Ok(())
     }
 
