@@ -134,7 +134,7 @@ fn wrong_headers_are_named() {
         ("vertex_indices", "corners", &["no list vertex_indices"]),
         ("list uchar int", "int", &["not a list"]),
         ("comment", "remark", &["line 3", "remark"]),
-        ("vertex 4", "vertex 0", &["names vertex"]),
+        ("vertex 4", "vertex 0", &["no triangles"]),
         (
             "vertex 4",
             "vertex 18446744073709551615",

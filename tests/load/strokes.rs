@@ -48,11 +48,11 @@ fn points_are_balls_of_their_colours() {
     let mesh = &scene.mesh;
     assert_eq!((mesh.triangles.len(), mesh.positions.len()), (4 * BALL, 4 * 12));
     assert_closed(mesh);
-    assert!(warns(&scene, &["4 points are shown as balls", "0.02 wide", "--stroke-width"]));
+    assert!(warns(&scene, &["4 points are shown as balls", "0.03 wide", "--stroke-width"]));
     let centres = [Vec3::ZERO, Vec3::new(3.0, 0.0, 0.0), Vec3::new(3.0, 3.0, 0.0), Vec3::new(0.0, 3.0, 0.0)];
     for (number, (around, centre)) in boxes(mesh, BALL).into_iter().zip(centres).enumerate() {
         assert!((around.centre() - centre).abs().max_element() < 1.0e-6, "{number}: {around:?}");
-        assert!((around.max - around.min).max_element() <= 0.02, "{number}: {around:?}");
+        assert!((around.max - around.min).max_element() <= 0.03, "{number}: {around:?}");
         let vertex = mesh.triangles[number * BALL][0] as usize;
         let colour = [Vec4::new(1.0, 0.0, 0.0, 1.0), Vec4::new(0.0, 1.0, 0.0, 1.0)];
         if let Some(colour) = colour.get(number) {
@@ -81,7 +81,7 @@ fn lines_strips_and_loops_are_tubes_from_end_to_end() {
     assert_eq!(sizes(&square(3).scene()), [along, up, along], "a strip");
     let scene = square(2).scene();
     assert_eq!(sizes(&scene), [along, up, along, up], "a loop");
-    assert!(warns(&scene, &["4 lines are shown as tubes", "0.01 wide"]));
+    assert!(warns(&scene, &["4 lines are shown as tubes", "0.02 wide"]));
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn widths_are_those_of_the_world() {
         let around = boxes(&scene.mesh, TUBE)[0];
         (around.max - around.min).y.max((around.max - around.min).z)
     };
-    assert!((thickness(&LoadOptions::default()) - 1.0).abs() < 0.15, "a 300th of 300");
+    assert!((thickness(&LoadOptions::default()) - 2.0).abs() < 0.3, "a 150th of 300");
     let wide = LoadOptions::default().with_stroke_width(20.0);
     assert!((thickness(&wide) - 20.0).abs() < 3.0);
 }
@@ -142,8 +142,8 @@ fn vertices_of_ply_files_without_faces_are_balls() {
         let scene = folder.load_with(name, &LoadOptions::default()).expect("a scene");
         assert_eq!((scene.mesh.triangles.len(), scene.mesh.colours.len()), (2 * BALL, 2 * 12), "{name}");
         assert_eq!(scene.mesh.colours[12], Vec4::new(0.0, 1.0, 0.0, 1.0));
-        assert!(warns(&scene, &["2 points are shown as balls, 1 wide"]), "{:?}", scene.warnings);
-        assert!(warns(&scene, &["vertex 2 in line 15", "1 vertices are not"]), "{:?}", scene.warnings);
+        assert!(warns(&scene, &["2 points are shown as balls, 1.5 wide"]), "{:?}", scene.warnings);
+        assert!(warns(&scene, &["vertex 2 in line 1", "1 vertices are not"]), "{:?}", scene.warnings);
         assert_closed(&scene.mesh);
     }
     folder.write("c.ply", CLOUD.replace("element face 0", "element face 1") + "3 0 1 1\n");
@@ -160,14 +160,14 @@ fn balls_and_tubes_are_counted_before_they_are_made() {
     let mut document = Document::new();
     // A view of nothing: accessors without data are zeros.
     let positions =
-        document.add("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 50_000_000 }));
+        document.add("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 15_000_000 }));
     document.mesh(json!({ "attributes": { "POSITION": positions }, "mode": 3 }));
     document.node(json!({ "mesh": 0 }));
     folder.write("lines.glb", document.glb());
     let options = LoadOptions::default().with_memory(MemoryBudget::of_bytes(30 << 20));
     for (name, parts) in [
         ("cloud.ply", &["600000 vertices and 1000000 triangles", "memory"][..]),
-        ("lines.glb", &["at most 268435455"]),
+        ("lines.glb", &["360000000 triangles; at most 268435455"]),
     ] {
         let error = folder.load_with(name, &options).expect_err("too large").to_string();
         assert_holds(&error, parts);

@@ -2,12 +2,12 @@
 //! `.json`). Also loads equirectangular `.hdr` and `.exr` images as [`EnvironmentMap`].
 //!
 //! A loader returns either a scene that satisfies all invariants of [`Scene`], or one error that names the file and
-//! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive
-//! ids follow the order of the faces in the file. Polygons become fans around their first corner. Faces with a vertex
-//! that is not finite are dropped, with a warning. Points and lines of glTF files, and the vertices of PLY files without
-//! faces, become balls and tubes. No input makes a loader panic, or take more memory than
-//! [`LoadOptions::with_memory`] allows: large things are counted before they are allocated. The file that the caller
-//! names may be a pipe; what a scene names must be a regular file.
+//! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive ids
+//! follow the order of the faces in the file. Polygons become fans around their first corner. Faces with a vertex that
+//! is not finite are dropped, with a warning. Points and lines of glTF files, and the vertices of PLY files without
+//! faces, become balls and tubes. No input makes a loader panic, or take more memory than [`LoadOptions::with_memory`]
+//! allows: large things are counted before they are allocated. The file that the caller names may be a pipe; what a
+//! scene names must be a regular file.
 //!
 //! With the feature `meshes` alone OBJ, PLY, STL and OFF are read, for ray queries as well: an OBJ file without its
 //! materials, and no images.

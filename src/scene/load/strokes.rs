@@ -12,8 +12,8 @@ const MOST_FINE: u64 = 100_000;
 
 /// The widths by themselves, as parts of the longest side of the scene's box: of tubes, and of balls from very many to
 /// few.
-const TUBE: f32 = 1.0 / 300.0;
-const BALLS: Range<f32> = 1.0 / 2000.0..1.0 / 150.0;
+const TUBE: f32 = 1.0 / 150.0;
+const BALLS: Range<f32> = 1.0 / 1000.0..1.0 / 100.0;
 
 /// A tube has this many sides, and a tip at each end.
 const SIDES: usize = 6;
@@ -172,7 +172,8 @@ impl Strokes {
         let longest = (bounds.max - bounds.min).max_element();
         let longest = if longest > 0.0 { longest } else { 1.0 };
         let width = width.unwrap_or_else(|| {
-            let spaced = 1.0 / (balls as f32).sqrt();
+            // Twice the distance of neighbours on a square, so that surfaces look closed.
+            let spaced = 2.0 / (balls as f32).sqrt();
             longest * if tubes > 0 { TUBE } else { spaced.clamp(BALLS.start, BALLS.end) }
         });
         for vertex in vertices.into_iter().flatten() {
@@ -258,11 +259,11 @@ mod tests {
             (2.0 * heights.fold(0.0, f32::max), warnings.into_list().remove(0))
         };
         let (width, told) = widths(&[[0, 0], [1, 1]], None);
-        assert!((width - 0.4).abs() < 0.07, "{width}");
-        assert!(told.contains("2 points are shown as balls, 0.4 wide (--stroke-width)"), "{told}");
+        assert!((width - 0.6).abs() < 0.1, "{width}");
+        assert!(told.contains("2 points are shown as balls, 0.6 wide (--stroke-width)"), "{told}");
         let (width, told) = widths(&[[0, 1]], None);
-        assert!((width - 0.2).abs() < 0.03, "{width}");
-        assert!(told.contains("1 line is shown as a tube, 0.2 wide"), "{told}");
+        assert!((width - 0.4).abs() < 0.06, "{width}");
+        assert!(told.contains("1 line is shown as a tube, 0.4 wide"), "{told}");
         assert!((widths(&[[0, 1]], Some(5.0)).0 - 5.0).abs() < 0.7);
         let (width, told) = widths(&[[0, 1], [1, 1], [0, 0]], Some(1.0));
         assert!(
