@@ -187,8 +187,10 @@ impl Strokes {
                 _ => format!("{count} {what}s are shown as {shape}s"),
             })
             .collect();
+        // Three digits are enough for a reader.
+        let told = format!("{width:.2e}").parse().unwrap_or(width);
         warnings.add(format!(
-            "Points and lines have no surface: {}, {width} wide (--stroke-width).",
+            "Points and lines have no surface: {}, {told} wide (--stroke-width).",
             shown.join(" and ")
         ));
     }
