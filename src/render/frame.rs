@@ -45,6 +45,9 @@ pub struct Settings {
     /// True if the frame may end before all samples are taken, by noise or time. Pixels then have `spp` samples at
     /// most. Of the picture and its layers only [`super::Aov::Variance`] depends on it.
     pub may_end_early: bool,
+    /// Moments that share the samples evenly ([`Settings::samples_of_step`]), because the scene moves while the shutter
+    /// is open; 1 otherwise.
+    pub steps: u32,
 }
 
 /// Error of settings with which no frame can be rendered.
@@ -67,6 +70,14 @@ pub enum SettingsError {
     Samples {
         /// Samples requested.
         spp: u32,
+    },
+    /// The steps do not share the samples evenly.
+    #[error("{spp} samples per pixel cannot be shared evenly among {steps} steps")]
+    Steps {
+        /// Samples requested.
+        spp: u32,
+        /// Steps requested.
+        steps: u32,
     },
     /// The number of bounces is out of range.
     #[error("{found} bounces; ask for at most {max}")]
@@ -100,7 +111,7 @@ impl Settings {
     /// A picture of this size with 64 samples a pixel, 8 bounces, seed 0 and a box of one pixel as filter.
     pub const fn new(width: u32, height: u32) -> Self {
         let filter = PixelFilter::new(FilterShape::Box);
-        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter, may_end_early: false }
+        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter, may_end_early: false, steps: 1 }
     }
 
     /// These settings with another size in pixels.
@@ -133,6 +144,22 @@ impl Settings {
         Self { may_end_early, ..self }
     }
 
+    /// These settings for a scene that moves while the shutter is open, seen at so many moments.
+    pub const fn with_steps(self, steps: u32) -> Self {
+        Self { steps, ..self }
+    }
+
+    /// The samples of each pixel that a step has: consecutive ones, which are stratified by themselves.
+    pub fn samples_of_step(&self, step: u32) -> Range<u32> {
+        let each = self.spp / self.steps;
+        step * each..(step + 1) * each
+    }
+
+    /// The step that a sample belongs to.
+    pub fn step_of(&self, sample: u32) -> u32 {
+        sample / (self.spp / self.steps)
+    }
+
     /// Maximum area of a picture in pixels.
     pub const MAX_PIXELS: u64 = 1 << 28;
     /// Maximum samples per pixel.
@@ -149,6 +176,9 @@ impl Settings {
         }
         if !(1..=Self::MAX_SPP).contains(&spp) {
             return Err(SettingsError::Samples { spp });
+        }
+        if self.steps == 0 || !spp.is_multiple_of(self.steps) {
+            return Err(SettingsError::Steps { spp, steps: self.steps });
         }
         if max_bounces > limit {
             return Err(SettingsError::Bounces { found: max_bounces, max: limit });
@@ -244,6 +274,12 @@ impl Frame {
         Self { pass: self.whole_pass(pass), ..self.with_film(self.film.blank()) }
     }
 
+    /// A pass over this frame at a moment when the scene and the camera are those of another frame. Its film can be
+    /// added to this frame's.
+    pub fn exposed(&self, moment: &Self, pass: Pass) -> Self {
+        Self { scene: moment.scene.clone(), lens: moment.lens, ..self.with_pass(pass) }
+    }
+
     /// The same frame with another film.
     fn with_film(&self, film: Film) -> Self {
         Self {
@@ -266,11 +302,15 @@ impl Frame {
         Self { pass: frame.whole_pass(self.pass.clone()), ..frame }
     }
 
-    /// A pass of this frame with all its rays: the one that takes the first samples of the frame's part also takes the
-    /// rays through the centres of pixels, if a layer needs them.
+    /// A pass of this frame with all its rays: the one that takes the first samples of the frame's part, or of the step
+    /// in the middle if there are several, also takes the rays through the centres of pixels, if a layer needs them.
     pub(super) fn whole_pass(&self, pass: Pass) -> Pass {
         let has_centres = self.layers.as_ref().is_some_and(|layers| layers.aovs.has_centres());
-        let is_first = pass.samples().start == self.part.samples.start;
+        let first = match self.settings.steps {
+            1 => self.part.samples.start,
+            steps => self.settings.samples_of_step(steps / 2).start,
+        };
+        let is_first = pass.samples().start == first;
         pass.with_centres(has_centres && is_first)
     }
 
@@ -403,13 +443,22 @@ impl Frame {
     /// (`docs/lab/noise.md`), so halves should be stratified as well as half of the samples can be: the first and the
     /// second half of the sequence are. If the number of samples is not known, each of the first samples must have a
     /// counterpart soon. Then a half has groups of up to [`GROUP`] consecutive samples, and a random bit decides which
-    /// of two neighbouring groups belongs to which half.
+    /// of two neighbouring groups belongs to which half. If samples are of several steps, each of these has both halves:
+    /// what moves between steps is no noise.
     #[inline(always)]
     fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
-        let Settings { spp, may_end_early, .. } = self.settings;
+        let Settings { spp, may_end_early, steps, .. } = self.settings;
         if !may_end_early {
             let l = sample.lanes();
-            return Int::select(sample.below(spp - spp / 2), Int::splat(l, 0), Int::splat(l, Film::HALF));
+            let mut all = 0..spp;
+            if steps > 1 {
+                all = self.settings.samples_of_step(self.settings.step_of(self.pass.samples().start));
+            }
+            return Int::select(
+                sample.below(all.end - (all.end - all.start) / 2),
+                Int::splat(l, 0),
+                Int::splat(l, Film::HALF),
+            );
         }
         let bits = (spp / 2).clamp(1, GROUP).ilog2();
         let group = sample >> bits;
