@@ -33,8 +33,8 @@ impl Moving {
         Self { options, memory, units, kept: Arc::default() }
     }
 
-    /// The scene at a time. Its light is that of the scene that the rendering was opened with: what that lacked, and was
-    /// assumed, is assumed for all times.
+    /// The scene at a time. Its light is that of the scene that the rendering was opened with: what that lacked, and
+    /// was assumed, is assumed for all times.
     fn scene(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
         let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         {
@@ -168,6 +168,13 @@ mod tests {
     use serde_json::{Value, json};
     use std::path::Path;
 
+    /// An object with the keys of another.
+    fn with(mut object: Value, more: Value) -> Value {
+        let Value::Object(more) = more else { panic!("an object") };
+        object.as_object_mut().expect("an object").extend(more);
+        object
+    }
+
     /// A lit quad that moves to the right, before a wall, and a camera that moves up.
     fn write_scene(folder: &Path) {
         let corners = [
@@ -180,11 +187,20 @@ mod tests {
         let mut bytes: Vec<u8> = floats.iter().flat_map(|value| value.to_le_bytes()).collect();
         bytes.extend([0, 1, 2, 0, 2, 3]);
         std::fs::write(folder.join("a.bin"), &bytes).expect("a file");
-        let accessor = |offset: u32, kind: &str, count: u32| json!({ "bufferView": 0, "byteOffset": offset, "componentType": 5126, "type": kind, "count": count });
-        let mesh = |positions: u32, material: u32| json!({ "primitives": [{ "attributes": { "POSITION": positions }, "indices": 5, "material": material }] });
+        let accessor = |offset: u32, kind: &str, count: u32| {
+            let place = json!({ "bufferView": 0, "byteOffset": offset, "componentType": 5126 });
+            with(place, json!({ "type": kind, "count": count }))
+        };
+        let mesh = |positions: u32, material: u32| {
+            let attributes = json!({ "POSITION": positions });
+            json!({ "primitives": [{ "attributes": attributes, "indices": 5, "material": material }] })
+        };
         let mut indices = accessor(152, "SCALAR", 6);
         indices["componentType"] = json!(5121);
-        let channel = |sampler: u32, node: u32| json!({ "sampler": sampler, "target": { "node": node, "path": "translation" } });
+        let channel = |sampler: u32, node: u32| {
+            let target = json!({ "node": node, "path": "translation" });
+            json!({ "sampler": sampler, "target": target })
+        };
         let document = json!({
             "asset": { "version": "2.0" },
             "buffers": [{ "byteLength": bytes.len(), "uri": "a.bin" }],
@@ -215,11 +231,9 @@ mod tests {
         }
 
         fn rendering(&self, more: Value) -> Rendering {
-            let mut spec = json!({ "scene": "a.gltf", "size": [32, 24], "spp": 8, "max-bounces": 2,
+            let spec = json!({ "scene": "a.gltf", "size": [32, 24], "spp": 8, "max-bounces": 2,
                 "aov": ["normal", "crypto-object"], "transparent": true });
-            let more = more.as_object().expect("options").clone();
-            spec.as_object_mut().expect("options").extend(more);
-            let spec: RenderSpec = serde_json::from_value(spec).expect("a spec");
+            let spec: RenderSpec = serde_json::from_value(with(spec, more)).expect("a spec");
             open(&spec, self.folder.path(), &Units::cpu()).expect("a rendering")
         }
 

@@ -189,8 +189,8 @@ impl CameraMotion {
         Self { camera, ..self }
     }
 
-    /// The same animation of a camera whose lens changes, too: the track is of the vertical angle of view in radians, or
-    /// of half the height of what an orthographic camera sees.
+    /// The same animation of a camera whose lens changes, too: the track is of the vertical angle of view in radians,
+    /// or of half the height of what an orthographic camera sees.
     pub fn with_lens(self, lens: Track<f64>) -> Self {
         Self { lens: Some(lens), ..self }
     }

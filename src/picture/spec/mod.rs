@@ -226,7 +226,8 @@ impl RenderSpec {
         }
         if is_given("shutter") && !moves && !is_given("frames") {
             return Err(SpecError::new(
-                "--shutter is used with --time, --animation or --frames; add one of them, or leave --shutter out".into(),
+                "--shutter is used with --time, --animation or --frames; add one of them, or leave it out"
+                    .into(),
             ));
         }
         let (steps, samples) = (self.animation.steps(), self.stop.samples());

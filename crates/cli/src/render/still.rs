@@ -51,8 +51,7 @@ pub fn run(
                 frame.stop();
             }
         }
-        frame
-            .begin_exposed(|integrator, pass| expose(setup, args, rendering, (integrator, 0, pass), &name))?;
+        frame.begin_exposed(|own, pass| expose(setup, args, rendering, (own, 0, pass), &name))?;
         if !frame.wait_for(POLL_INTERVAL) {
             progress.show(frame.progress());
             continue;
