@@ -7,7 +7,7 @@ use super::{Frames, Registry, Rendering};
 use crate::engine::PreparedScene;
 use crate::film::{Film, NoisyPicture};
 use crate::memory::MemoryBudget;
-use crate::render::{AovSet, PASSES_IN_FLIGHT};
+use crate::render::{AovSet, PASSES_IN_FLIGHT, Settings};
 use crate::scene::Scene;
 use crate::scene::load::LoadOptions;
 use anyhow::{Context, Result};
@@ -43,7 +43,14 @@ impl CheckedSpec {
             registry.check_settings(&integrator, &foreign)?;
         }
         spec.sampling.check(&integrator, &spec.look)?;
-        spec.aovs().check_samples(spec.stop.samples())?;
+        let steps = spec.animation.steps();
+        let shared = spec.aovs().check_samples(spec.stop.samples() / steps);
+        if steps > 1 {
+            shared
+                .with_context(|| format!("--shutter-steps {steps}: each step has a share of the samples"))?;
+        } else {
+            shared?;
+        }
         Ok(Self { spec: spec.into(), registry: registry.into(), integrator, own, foreign })
     }
 
@@ -76,8 +83,7 @@ impl CheckedSpec {
 
     /// Bytes that a picture takes until it is written.
     pub fn picture_bytes(&self) -> u64 {
-        let (width, height) = self.spec.size;
-        picture_bytes(width, height, &self.spec.aovs(), self.spec.stop.samples())
+        picture_bytes(&self.spec.settings(), &self.spec.aovs())
     }
 
     /// Changes a loaded scene as the spec asks: surfaces, materials, then the environment. Returns the scene's shaders.
@@ -152,11 +158,12 @@ fn may_name_shaders(scene: Option<&Path>) -> bool {
 }
 
 /// Bytes that a picture takes until it is written: the film, the films of passes and of their earlier parts, their
-/// sum, noise, the layers, and the encoded file.
-fn picture_bytes(width: u32, height: u32, aovs: &AovSet, samples: u32) -> u64 {
-    let films = 2 + 2 * PASSES_IN_FLIGHT as u64;
+/// sum, that of an integrator of another moment, noise, the layers, and the encoded file.
+fn picture_bytes(settings: &Settings, aovs: &AovSet) -> u64 {
+    let Settings { width, height, spp, steps, .. } = *settings;
+    let films = 2 + 2 * PASSES_IN_FLIGHT as u64 + u64::from(steps > 1);
     let pixels = u64::from(width) * u64::from(height);
-    let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, samples));
+    let film = Film::bytes(width, height).saturating_add(aovs.most_bytes(pixels, spp));
     let denoising = if aovs.is_denoised() { NoisyPicture::denoising_bytes(pixels) } else { 0 };
     let layers = (24 + 32 * aovs.iter().count() as u64) * pixels;
     films.saturating_mul(film).saturating_add(layers).saturating_add(denoising)

@@ -19,8 +19,8 @@ pub struct Frames {
 /// How the camera moves from frame to frame.
 #[derive(Clone, Debug)]
 enum Motion {
-    /// Not at all: there is one picture.
-    Still(Camera),
+    /// Not from frame to frame. The scene's own animation, if it has one, moves it while the shutter is open.
+    Still(Camera, Option<CameraMotion>),
     /// Rotation about a point by an angle per frame.
     Turntable { degrees: f32, own: Camera, centre: Vec3 },
     /// Along the key poses of a file.
@@ -96,12 +96,13 @@ impl Frames {
             let views = Views::read(views, spec.size)?;
             return Ok(Self::of_cameras(views.cameras(&spec.optics, own, scene, spec.size)?));
         }
-        let Some(numbers) = frames.clone() else {
-            return Ok(Self { numbers: 0..1, motion: Motion::Still(own) });
-        };
         let own_motion = match &spec.optics.camera {
             None => scene.camera_motion.as_ref(),
             Some(name) => named_camera(scene, name)?.motion.as_ref(),
+        };
+        let Some(numbers) = frames.clone() else {
+            let motion = own_motion.filter(|_| spec.loading.time.is_some());
+            return Ok(Self { numbers: 0..1, motion: Motion::Still(own, motion.cloned()) });
         };
         ensure!(
             spec.look.exposure != Exposure::Auto,
@@ -125,7 +126,7 @@ impl Frames {
                 );
                 Motion::Scene(motion.clone(), spec.animation.rate())
             }
-            (None, None, None) if scene.is_animated => Motion::Still(own),
+            (None, None, None) if scene.is_animated => Motion::Still(own, None),
             (None, None, None) => {
                 bail!("--frames: the scene has no animation; add --turntable DEG or --camera-path FILE")
             }
@@ -148,19 +149,35 @@ impl Frames {
     /// # Errors
     /// If there is no such frame, or the options have something against its camera.
     pub fn camera(&self, spec: &RenderSpec, frame: u32) -> Result<Camera> {
+        self.camera_at(spec, frame, 0.0)
+    }
+
+    /// The camera so many seconds after the time of a frame.
+    ///
+    /// # Errors
+    /// If there is no such frame, or the options have something against its camera.
+    pub fn camera_at(&self, spec: &RenderSpec, frame: u32, offset: f64) -> Result<Camera> {
         ensure!(self.numbers.contains(&frame), "there is no frame {frame}");
+        let start = spec.loading.time.unwrap_or(0.0);
+        let moment = f64::from(frame) + offset * spec.animation.rate();
         let camera = match &self.motion {
+            Motion::Still(_, Some(motion)) if offset != 0.0 => {
+                let own = motion.at(start + offset);
+                spec.camera.apply(Some(own), || own)
+            }
             // The options have been applied before.
-            Motion::Still(camera) => return Ok(*camera),
+            Motion::Still(camera, _) => return Ok(*camera),
             Motion::Turntable { degrees, own, centre } => {
-                let degrees = (f64::from(*degrees) * f64::from(frame)) % 360.0;
+                let degrees = (f64::from(*degrees) * moment) % 360.0;
                 return Ok(own.turned(*centre, degrees as f32));
             }
-            Motion::Path(path) => path.at(f64::from(frame)),
-            Motion::Scene(motion, fps) => {
-                motion.at(spec.loading.time.unwrap_or(0.0) + f64::from(frame) / fps)
+            Motion::Path(path) => path.at(moment),
+            Motion::Scene(motion, fps) => motion.at(start + f64::from(frame) / fps + offset),
+            Motion::Cameras(cameras) => {
+                let NamedCamera { camera, motion, .. } = &cameras[frame as usize];
+                let motion = motion.as_ref().filter(|_| offset != 0.0);
+                motion.map_or(*camera, |motion| motion.at(start + offset))
             }
-            Motion::Cameras(cameras) => cameras[frame as usize].camera,
         };
         spec.optics.apply(camera, spec.size).with_context(|| format!("picture {frame}"))
     }

@@ -32,13 +32,19 @@ impl Rendering {
         let denoised = aovs.is_denoised().then(|| ("--denoise", "true".into()));
         let (loading, rate) = (&spec.loading, spec.animation.rate());
         let moves = || format!("{:?} from {:?} s at {rate} frames a second", loading.animation, loading.time);
-        let moves = self.moves().then(|| ("the scene's animation", moves()));
+        let moved = self.moves().then(|| ("the scene's animation", moves()));
+        let opened = (self.steps() > 1).then(|| {
+            let seconds = spec.animation.shutter.unwrap_or(0.0);
+            let shutter = format!("{seconds} s in {} steps, of the animation {}", self.steps(), moves());
+            ("--shutter", shutter)
+        });
         let camera = camera.map(|camera| ("the camera", camera.to_string()));
         let parts = parts
             .into_iter()
             .chain(halves)
             .chain(denoised)
-            .chain(moves)
+            .chain(moved)
+            .chain(opened)
             .chain(camera)
             .map(|(what, value)| (what.to_owned(), value));
         let options = self.options().iter().map(|(key, value)| (format!("option {key}"), value.to_owned()));

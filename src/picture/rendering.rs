@@ -27,6 +27,8 @@ pub struct Rendering {
     /// Threads that denoise pictures.
     threads: usize,
     moving: Option<Moving>,
+    /// True if the scene is that of one frame of several.
+    is_of_frame: bool,
 }
 
 impl Rendering {
@@ -36,8 +38,17 @@ impl Rendering {
         let options = registry.integrator_options(checked.integrator(), &prepared.scene, checked.own())?;
         let simd = prepared.simd();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let moving = None;
-        Ok(Self { checked: checked.clone(), prepared, frames, options, simd, policy: None, threads, moving })
+        Ok(Self {
+            checked: checked.clone(),
+            prepared,
+            frames,
+            options,
+            simd,
+            policy: None,
+            threads,
+            moving: None,
+            is_of_frame: false,
+        })
     }
 
     /// The same with a policy of the scheduler. No picture depends on it.
@@ -62,9 +73,13 @@ impl Rendering {
         &self.checked
     }
 
-    /// The same of another prepared scene.
+    /// The same of the prepared scene of a frame.
     pub(super) fn with_prepared(&self, prepared: PreparedScene) -> Self {
-        Self { prepared, moving: None, ..self.clone() }
+        Self { prepared, is_of_frame: true, ..self.clone() }
+    }
+
+    pub(super) fn is_of_frame(&self) -> bool {
+        self.is_of_frame
     }
 
     pub(super) fn threads(&self) -> usize {
@@ -131,6 +146,15 @@ impl Rendering {
     /// # Errors
     /// If a setting is out of range or the camera is invalid.
     pub fn integrator(&self, camera: &Camera) -> Result<AnyIntegrator> {
+        let integrator = self.bare_integrator(camera)?.with_aovs(&self.spec().aovs())?;
+        Ok(match self.spec().part.part(integrator.frame().settings()) {
+            Some(part) => integrator.with_part(part)?,
+            None => integrator,
+        })
+    }
+
+    /// The integrator of whole frames without layers.
+    pub(super) fn bare_integrator(&self, camera: &Camera) -> Result<AnyIntegrator> {
         let spec = self.spec();
         let params = IntegratorParams {
             scene: Arc::clone(&self.prepared.scene),
@@ -141,12 +165,7 @@ impl Rendering {
             options: self.options.clone(),
             prepared: self.prepared.clone(),
         };
-        let integrator = self.checked.registry().integrator(self.integrator_name(), params)?;
-        let integrator = integrator.with_aovs(&spec.aovs())?;
-        Ok(match spec.part.part(integrator.frame().settings()) {
-            Some(part) => integrator.with_part(part)?,
-            None => integrator,
-        })
+        self.checked.registry().integrator(self.integrator_name(), params)
     }
 
     /// Submits an integrator of this rendering as a job.

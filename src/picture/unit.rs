@@ -41,7 +41,7 @@ impl Rendering {
     /// If there is no such frame, or the scheduler refuses the job or fails.
     pub fn patch(&self, service: &Service, frame: u32, piece: Pass, watch: &dyn Watch) -> Result<Patch> {
         let own = self.of_frame(frame)?;
-        let piece = own.integrator(&own.camera(frame)?)?.with_pass(piece);
+        let (own, piece) = own.exposed(&own.integrator(&own.camera(frame)?)?, frame, piece)?;
         let job = own.submit_watched(service, &piece, watch)?;
         let mut priority = watch.priority();
         while !job.wait_for(LOOK) {

@@ -77,6 +77,7 @@ impl Rendering {
         let options = PassOptions { noise: stop.noise, pass_time: stop.seconds };
         let integrator = self.integrator(&camera)?;
         let samples = integrator.frame().part().count() as f64;
+        let number = frame;
         let mut frame = Progressive::new(integrator, options);
         let mut rays = RayCounts::default();
         loop {
@@ -87,7 +88,11 @@ impl Rendering {
             if spent >= 1.0 && frame.passes() > 0 {
                 frame.stop();
             }
-            frame.begin(|pass| self.submit_watched(service, pass, watch))?;
+            frame.begin_exposed(|integrator, pass| {
+                let (own, exposed) = self.exposed(integrator, number, pass)?;
+                let job = own.submit_watched(service, &exposed, watch)?;
+                anyhow::Ok((exposed, job))
+            })?;
             if !frame.wait_for(LOOK) {
                 let begun: u64 = frame.progress().map(|job| job.rays.camera).sum();
                 watch.progress(spent.max((rays.camera + begun) as f64 / samples).min(1.0));

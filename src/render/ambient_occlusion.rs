@@ -1,6 +1,7 @@
 //! Ambient occlusion: a hit shader that emits shadow rays only.
 
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::frame::{CAMERA_DIMENSION, Frame};
+use super::settings::{Settings, SettingsError};
 use super::{CameraSample, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};

@@ -3,8 +3,8 @@
 use super::dropped_splats::DroppedSplats;
 use super::frame_layers::FrameLayers;
 use super::pixel_filter::FilterTable;
-use super::{Blocks, CameraSample, FilterShape, NewRays, Part, Pass, PixelFilter};
-use crate::film::{Film, FilmError};
+use super::{Blocks, CameraSample, NewRays, Part, Pass, Settings, SettingsError};
+use crate::film::Film;
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
 use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
@@ -25,137 +25,6 @@ const HALF_SALT: u32 = 0x5be0_cd19;
 
 /// Minimum width of a sample's cone, as a fraction of a pixel. A narrower cone adds no sharpness.
 const LEAST_SHARE: f32 = 1.0 / 8.0;
-
-/// The settings of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Settings {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Samples per pixel.
-    pub spp: u32,
-    /// Maximum number of bounces; 0 leaves emission and direct light at the first hit.
-    pub max_bounces: u32,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// The pixel filter.
-    pub filter: PixelFilter,
-    /// True if the frame may end before all samples are taken, by noise or time. Pixels then have `spp` samples at
-    /// most. Of the picture and its layers only [`super::Aov::Variance`] depends on it.
-    pub may_end_early: bool,
-}
-
-/// Error of settings with which no frame can be rendered.
-#[derive(Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SettingsError {
-    /// The picture is too small or too large.
-    #[error(
-        "a picture of {width}x{height} pixels; each side must be at least 1 and the area at most {} pixels",
-        Settings::MAX_PIXELS
-    )]
-    Size {
-        /// Columns requested.
-        width: u32,
-        /// Rows requested.
-        height: u32,
-    },
-    /// The number of samples is out of range.
-    #[error("{spp} samples per pixel; ask for 1 to {}", Settings::MAX_SPP)]
-    Samples {
-        /// Samples requested.
-        spp: u32,
-    },
-    /// The number of bounces is out of range.
-    #[error("{found} bounces; ask for at most {max}")]
-    Bounces {
-        /// Bounces requested.
-        found: u32,
-        /// The maximum.
-        max: u32,
-    },
-    /// A part has samples that the frame does not have, or none.
-    #[error("{part}: the picture has samples 0..{spp} of the region 0,0,{width},{height}")]
-    Part {
-        /// The part requested.
-        part: Part,
-        /// Columns of the picture.
-        width: u32,
-        /// Rows of the picture.
-        height: u32,
-        /// Samples per pixel of the picture.
-        spp: u32,
-    },
-    /// The film cannot be made: samples times depth exceeds what it can add exactly, or memory is short.
-    #[error(transparent)]
-    Film(#[from] FilmError),
-    /// The camera is invalid.
-    #[error(transparent)]
-    Camera(#[from] CameraError),
-}
-
-impl Settings {
-    /// A picture of this size with 64 samples a pixel, 8 bounces, seed 0 and a box of one pixel as filter.
-    pub const fn new(width: u32, height: u32) -> Self {
-        let filter = PixelFilter::new(FilterShape::Box);
-        Self { width, height, spp: 64, max_bounces: 8, seed: 0, filter, may_end_early: false }
-    }
-
-    /// These settings with another size in pixels.
-    pub const fn with_size(self, width: u32, height: u32) -> Self {
-        Self { width, height, ..self }
-    }
-
-    /// These settings with another number of samples per pixel.
-    pub const fn with_spp(self, spp: u32) -> Self {
-        Self { spp, ..self }
-    }
-
-    /// These settings with another maximum number of bounces.
-    pub const fn with_max_bounces(self, max_bounces: u32) -> Self {
-        Self { max_bounces, ..self }
-    }
-
-    /// These settings with another seed.
-    pub const fn with_seed(self, seed: u64) -> Self {
-        Self { seed, ..self }
-    }
-
-    /// These settings with another pixel filter.
-    pub const fn with_filter(self, filter: PixelFilter) -> Self {
-        Self { filter, ..self }
-    }
-
-    /// These settings for a frame that may end before all samples are taken, if `may_end_early`.
-    pub const fn with_early_end(self, may_end_early: bool) -> Self {
-        Self { may_end_early, ..self }
-    }
-
-    /// Maximum area of a picture in pixels.
-    pub const MAX_PIXELS: u64 = 1 << 28;
-    /// Maximum samples per pixel.
-    pub const MAX_SPP: u32 = 1 << 20;
-
-    /// Checks all settings except the camera; `max_bounces` may be at most `limit`.
-    ///
-    /// # Errors
-    /// The first setting out of range.
-    pub fn validate(&self, limit: u32) -> Result<(), SettingsError> {
-        let Self { width, height, spp, max_bounces, .. } = *self;
-        if width == 0 || height == 0 || u64::from(width) * u64::from(height) > Self::MAX_PIXELS {
-            return Err(SettingsError::Size { width, height });
-        }
-        if !(1..=Self::MAX_SPP).contains(&spp) {
-            return Err(SettingsError::Samples { spp });
-        }
-        if max_bounces > limit {
-            return Err(SettingsError::Bounces { found: max_bounces, max: limit });
-        }
-        Ok(())
-    }
-}
 
 /// A picture to render: a scene, a camera, settings and a film. Frames derived from it share the scene and its
 /// lights.
@@ -244,6 +113,12 @@ impl Frame {
         Self { pass: self.whole_pass(pass), ..self.with_film(self.film.blank()) }
     }
 
+    /// A pass over this frame at a moment when the scene and the camera are those of another frame. Its film can be
+    /// added to this frame's.
+    pub fn exposed(&self, moment: &Self, pass: Pass) -> Self {
+        Self { scene: moment.scene.clone(), lens: moment.lens, ..self.with_pass(pass) }
+    }
+
     /// The same frame with another film.
     fn with_film(&self, film: Film) -> Self {
         Self {
@@ -266,11 +141,15 @@ impl Frame {
         Self { pass: frame.whole_pass(self.pass.clone()), ..frame }
     }
 
-    /// A pass of this frame with all its rays: the one that takes the first samples of the frame's part also takes the
-    /// rays through the centres of pixels, if a layer needs them.
+    /// A pass of this frame with all its rays: the one that takes the first samples of the frame's part, or of the step
+    /// in the middle if there are several, also takes the rays through the centres of pixels, if a layer needs them.
     pub(super) fn whole_pass(&self, pass: Pass) -> Pass {
         let has_centres = self.layers.as_ref().is_some_and(|layers| layers.aovs.has_centres());
-        let is_first = pass.samples().start == self.part.samples.start;
+        let first = match self.settings.steps {
+            1 => self.part.samples.start,
+            steps => self.settings.samples_of_step(steps / 2).start,
+        };
+        let is_first = pass.samples().start == first;
         pass.with_centres(has_centres && is_first)
     }
 
@@ -403,13 +282,22 @@ impl Frame {
     /// (`docs/lab/noise.md`), so halves should be stratified as well as half of the samples can be: the first and the
     /// second half of the sequence are. If the number of samples is not known, each of the first samples must have a
     /// counterpart soon. Then a half has groups of up to [`GROUP`] consecutive samples, and a random bit decides which
-    /// of two neighbouring groups belongs to which half.
+    /// of two neighbouring groups belongs to which half. If samples are of several steps, each of these has both
+    /// halves: what moves between steps is no noise.
     #[inline(always)]
     fn half<L: Lanes>(&self, pixel: Int<L>, sample: Int<L>) -> Int<L> {
-        let Settings { spp, may_end_early, .. } = self.settings;
+        let Settings { spp, may_end_early, steps, .. } = self.settings;
         if !may_end_early {
             let l = sample.lanes();
-            return Int::select(sample.below(spp - spp / 2), Int::splat(l, 0), Int::splat(l, Film::HALF));
+            let mut all = 0..spp;
+            if steps > 1 {
+                all = self.settings.samples_of_step(self.settings.step_of(self.pass.samples().start));
+            }
+            return Int::select(
+                sample.below(all.end - (all.end - all.start) / 2),
+                Int::splat(l, 0),
+                Int::splat(l, Film::HALF),
+            );
         }
         let bits = (spp / 2).clamp(1, GROUP).ilog2();
         let group = sample >> bits;

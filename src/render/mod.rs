@@ -36,6 +36,7 @@ mod ray_shader;
 pub mod recursion;
 mod recursive_whitted;
 mod sequence;
+mod settings;
 mod single_ray;
 mod summed;
 #[cfg(test)]
@@ -51,7 +52,7 @@ pub use camera_sample::CameraSample;
 pub use checkpoint::{CHECKPOINT_VERSION, CheckpointError, Identity};
 pub use contribution::Contribution;
 pub use dropped_splats::{Dropped, DroppedByMaterial};
-pub use frame::{APERTURE_DIMENSION, CAMERA_DIMENSION, Frame, Settings, SettingsError};
+pub use frame::{APERTURE_DIMENSION, CAMERA_DIMENSION, Frame};
 pub use gathered::Gathered;
 pub use hit_shader::{HitShader, HitShading, PathMemory};
 pub use integrator::Integrator;
@@ -71,6 +72,7 @@ pub use ray_rows::{NewRays, hits_of, rays_of};
 pub use ray_shader::{LIGHT_DIMENSION, PerRay, RayHit, RayShader, RayState, SurfaceHit, WaitingRay};
 pub use recursive_whitted::RecursiveWhitted;
 pub use sequence::Sequence;
+pub use settings::{Settings, SettingsError};
 pub use single_ray::render_single_rays;
 #[cfg(feature = "wgsl")]
 pub use wgsl::{LoopEntries, WgslIntegrator, WgslShader, WgslState};

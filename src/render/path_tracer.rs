@@ -1,8 +1,9 @@
 //! Path tracing: a hit shader without loop shaders.
 
 use super::dispersion::{ByChannel, OneChannel};
-use super::frame::{CAMERA_DIMENSION, Frame, Settings, SettingsError};
+use super::frame::{CAMERA_DIMENSION, Frame};
 use super::path_state::{DEPTH, DEPTH_BITS, PathState, SEEKS};
+use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, Plain, Vector};

@@ -190,12 +190,27 @@ impl<I: Integrator> Progressive<I> {
         &mut self,
         mut submit: impl FnMut(&Arc<I>) -> Result<JobHandle, LimitsError>,
     ) -> Result<(), LimitsError> {
+        self.begin_exposed(|integrator, pass| {
+            let exposure = Arc::new(integrator.with_pass(pass));
+            let job = submit(&exposure)?;
+            Ok((exposure, job))
+        })
+    }
+
+    /// [`Progressive::begin`] of a frame whose passes differ in their moment ([`super::Settings::steps`]): `expose`
+    /// makes and submits the integrator of a pass ([`super::Frame::exposed`]).
+    ///
+    /// # Errors
+    /// The errors of `expose`.
+    pub fn begin_exposed<E>(
+        &mut self,
+        mut expose: impl FnMut(&I, Pass) -> Result<(Arc<I>, JobHandle), E>,
+    ) -> Result<(), E> {
         while self.under_way.has_room()
             && !self.sum.is_stopped()
             && let Some(pass) = self.next_pass()
         {
-            let exposure = Arc::new(self.integrator.with_pass(pass));
-            let job = submit(&exposure)?;
+            let (exposure, job) = expose(&self.integrator, pass)?;
             self.sum.watch(job.control());
             self.under_way.push(job, exposure);
         }
@@ -223,7 +238,10 @@ impl<I: Integrator> Progressive<I> {
             PassOptions { pass_time: Some(_), .. } => self.pace.samples.max(1),
             _ => u32::MAX,
         };
-        let end = todo.start.saturating_add(samples).min(todo.end);
+        // A pass is of one moment.
+        let settings = self.integrator.frame().settings();
+        let moment = settings.samples_of_step(settings.step_of(todo.start));
+        let end = todo.start.saturating_add(samples).min(todo.end).min(moment.end);
         let pass = self.integrator.frame().whole_pass(Pass::new(Arc::clone(blocks), todo.start..end));
         todo.start = end;
         Some(pass)

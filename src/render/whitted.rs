@@ -1,6 +1,7 @@
 //! Whitted ray tracing: a hit shader and a loop shader (RA section 3.3).
 
-use super::frame::{Frame, Settings, SettingsError};
+use super::frame::Frame;
+use super::settings::{Settings, SettingsError};
 use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;

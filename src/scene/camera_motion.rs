@@ -1,6 +1,6 @@
 //! Animated cameras: channels move the camera's node and its ancestors.
 
-use super::Camera;
+use super::{Camera, Projection};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,8 @@ pub struct CameraMotion {
     camera: Camera,
     /// The nodes from the root to the camera's node.
     nodes: Vec<AnimatedNode>,
+    /// The vertical angle of view in radians, or half the height of what an orthographic camera sees.
+    lens: Option<Track<f64>>,
 }
 
 /// The animated transform of a node relative to its parent.
@@ -179,12 +181,18 @@ impl AnimatedNode {
 impl CameraMotion {
     /// The animation of a perspective camera that looks along −z with y up, at the end of a chain of nodes.
     pub fn new(fov_degrees: f32, nodes: Vec<AnimatedNode>) -> Self {
-        Self { camera: Camera::new(Vec3::ZERO, Vec3::NEG_Z).with_fov(fov_degrees), nodes }
+        Self { camera: Camera::new(Vec3::ZERO, Vec3::NEG_Z).with_fov(fov_degrees), nodes, lens: None }
     }
 
     /// The same animation with the projection, shift and aperture of a camera.
     pub fn with_optics_of(self, camera: Camera) -> Self {
         Self { camera, ..self }
+    }
+
+    /// The same animation of a camera whose lens changes, too: the track is of the vertical angle of view in radians,
+    /// or of half the height of what an orthographic camera sees.
+    pub fn with_lens(self, lens: Track<f64>) -> Self {
+        Self { lens: Some(lens), ..self }
     }
 
     /// Index of the first node with a key that is not finite.
@@ -205,7 +213,13 @@ impl CameraMotion {
             .iter()
             .map(|node| node.matrix_at(seconds))
             .fold(DMat4::IDENTITY, |above, node| above * node);
-        self.camera.posed_as(&Camera::transformed(&matrix, 40.0))
+        let camera = self.camera.posed_as(&Camera::transformed(&matrix, 40.0));
+        let Some(lens) = &self.lens else { return camera };
+        let lens = lens.at(seconds) as f32;
+        camera.with_projection(match camera.projection {
+            Projection::Orthographic { .. } => Projection::Orthographic { height: 2.0 * lens.abs() },
+            _ => Projection::Perspective { fov_degrees: lens.to_degrees() },
+        })
     }
 }
 

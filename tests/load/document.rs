@@ -78,6 +78,25 @@ impl Document {
         self.accessor(kind, 5126, values.len() / width, &bytes)
     }
 
+    /// Adds a channel to `animations[0]`. Its keys are times, glTF's type of the values, and their numbers.
+    pub fn channel(&mut self, target: Value, interpolation: &str, keys: (&[f32], &str, &[f32])) {
+        let (times, kind, values) = keys;
+        let (input, output) = (self.floats("SCALAR", times), self.floats(kind, values));
+        self.sampled(target, json!({ "input": input, "output": output, "interpolation": interpolation }));
+    }
+
+    /// Adds a channel with its sampler to `animations[0]`.
+    pub fn sampled(&mut self, target: Value, sampler: Value) {
+        if self.json["animations"].is_null() {
+            self.json["animations"] = json!([{ "samplers": [], "channels": [] }]);
+        }
+        let animation = &mut self.json["animations"][0];
+        let number = animation["samplers"].as_array().expect("a list").len();
+        animation["samplers"].as_array_mut().expect("a list").push(sampler);
+        let channel = json!({ "sampler": number, "target": target });
+        animation["channels"].as_array_mut().expect("a list").push(channel);
+    }
+
     /// Adds a texture of an embedded PNG of these texels; returns its index.
     pub fn texture(&mut self, width: u32, texels: &[[u8; 4]]) -> usize {
         let image = image::RgbaImage::from_raw(width, texels.len() as u32 / width, texels.concat());

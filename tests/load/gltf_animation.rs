@@ -62,19 +62,9 @@ fn assert_positions(scene: &Scene, expected: &[[f64; 3]], what: &str) {
 }
 
 impl Document {
-    /// Adds an animation of one channel.
+    /// Adds a channel of a node to the animation.
     fn animate(&mut self, node: usize, path: &str, interpolation: &str, keys: (&[f32], &str, &[f32])) {
-        let (times, kind, values) = keys;
-        let (input, output) = (self.floats("SCALAR", times), self.floats(kind, values));
-        if self.json["animations"].is_null() {
-            self.json["animations"] = json!([{ "samplers": [], "channels": [] }]);
-        }
-        let animation = &mut self.json["animations"][0];
-        let sampler = json!({ "input": input, "output": output, "interpolation": interpolation });
-        let number = animation["samplers"].as_array().expect("a list").len();
-        animation["samplers"].as_array_mut().expect("a list").push(sampler);
-        let channel = json!({ "sampler": number, "target": { "node": node, "path": path } });
-        animation["channels"].as_array_mut().expect("a list").push(channel);
+        self.channel(json!({ "node": node, "path": path }), interpolation, keys);
     }
 }
 
@@ -272,6 +262,56 @@ fn morph_targets_displace_vertices_by_their_weights() {
         let b = start * 1.0 + end * 3.0;
         assert_positions(&at_time(&document, seconds), &expected(a, b), &format!("{seconds} s"));
     }
+}
+
+#[test]
+fn morph_targets_displace_texture_coordinates_and_colours() {
+    let mut document = Document::triangle();
+    let uvs = document.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+    let second = document.floats("VEC2", &[0.5; 6]);
+    let colours = document.floats("VEC4", &[0.5, 0.25, 1.0, 0.75].repeat(3));
+    let texture = document.texture(1, &[[255; 4]]);
+    document.material(
+        json!({ "emissiveFactor": [1, 1, 1], "emissiveTexture": { "index": texture, "texCoord": 1 },
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } } }),
+    );
+    let shift = document.floats("VEC2", &[0.0, 0.0, 0.5, 0.25, -1.0, 2.0]);
+    let moved = document.accessor("VEC2", 5120, 3, &[127, 0, 0, 129, 0, 0]);
+    document.json["accessors"][moved]["normalized"] = json!(true);
+    let tint = document.floats("VEC3", &[0.25, -0.5, 1.0].repeat(3));
+    let fade = document.floats("VEC4", &[0.0, 0.25, 0.0, -0.5].repeat(3));
+    let primitive = &mut document.json["meshes"][0]["primitives"][0];
+    let attributes = &mut primitive["attributes"];
+    (attributes["TEXCOORD_0"], attributes["TEXCOORD_1"], attributes["COLOR_0"]) =
+        (json!(uvs), json!(second), json!(colours));
+    primitive["targets"] =
+        json!([{ "TEXCOORD_0": shift, "COLOR_0": tint }, { "TEXCOORD_1": moved, "COLOR_0": fade }]);
+    let keys = [0.0, 0.0, 1.0, 0.5];
+    document.animate(0, "weights", "LINEAR", (&[0.0, 2.0], "SCALAR", &keys));
+    for share in [0.0, 0.25, 1.0_f32] {
+        let scene = at_time(&document, 2.0 * f64::from(share));
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+        let mesh = &scene.mesh;
+        let first = [[0.0, 0.0], [1.0 + 0.5 * share, 0.25 * share], [-share, 1.0 + 2.0 * share]];
+        let second = [[0.5 + 0.5 * share, 0.5], [0.5, 0.5 - 0.5 * share], [0.5, 0.5]];
+        assert_eq!(mesh.uvs.iter().map(|uv| uv.to_array()).collect::<Vec<_>>(), first, "{share}");
+        assert_eq!(mesh.more_uvs[0].iter().map(|uv| uv.to_array()).collect::<Vec<_>>(), second, "{share}");
+        let colour =
+            [0.5 + 0.25 * share, (0.25 - 0.5 * share + 0.125 * share).max(0.0), 1.0, 0.75 - 0.25 * share];
+        assert!(mesh.colours.iter().all(|found| found.to_array() == colour), "{share}: {:?}", mesh.colours);
+    }
+    // At rest the weights are 0, and a mesh without the attributes is not displaced into having them.
+    assert_eq!(document.scene().mesh.uvs[1].to_array(), [1.0, 0.0]);
+    let mut bare = document.clone();
+    bare.json["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0 });
+    assert!(at_time(&bare, 2.0).mesh.colours.is_empty());
+    let target = &mut document.json["meshes"][0]["primitives"][0]["targets"][0];
+    target["TEXCOORD_0"] = json!(99);
+    let error = at(&document, &LoadOptions::default().with_time(1.0)).expect_err("no accessor");
+    assert_holds(&error, &["primitives[0]", "targets[0].TEXCOORD_0 names accessor 99"]);
+    document.json["meshes"][0]["primitives"][0]["targets"][0] = json!({ "COLOR_0": uvs });
+    let error = at(&document, &LoadOptions::default().with_time(1.0)).expect_err("wrong");
+    assert_holds(&error, &["targets[0].COLOR_0", "Vec2", "Vec4 is required"]);
 }
 
 #[test]

@@ -141,6 +141,7 @@ const EXCLUSIVE: &[(&str, &[&str])] = &[
     ("shift", &["K", "panorama"]),
     ("f-stop", &["aperture-radius"]),
     ("camera-path", &["eye", "target", "up", "fov", "turntable"]),
+    ("shutter", &["noise", "seconds"]),
 ];
 
 /// Options that mean nothing without another.
@@ -150,6 +151,7 @@ const DEPENDENT: &[(&str, &str)] = &[
     ("turntable", "frames"),
     ("camera-path", "frames"),
     ("fps", "frames"),
+    ("shutter-steps", "shutter"),
 ];
 
 impl RenderSpec {
@@ -215,11 +217,25 @@ impl RenderSpec {
         let moves = ["time", "animation"].into_iter().any(is_given);
         if let Some(other) = ["turntable", "camera-path"].into_iter().find(|other| is_given(other))
             && is_given("fps")
-            && !moves
+            && !(moves || is_given("shutter"))
         {
             return Err(SpecError::new(format!(
                 "--fps is of the scene's own animation, which stands still with --{other}; add --time, or leave --fps \
                  out"
+            )));
+        }
+        if is_given("shutter") && !moves && !is_given("frames") {
+            return Err(SpecError::new(
+                "--shutter is used with --time, --animation or --frames; add one of them, or leave it out"
+                    .into(),
+            ));
+        }
+        let (steps, samples) = (self.animation.steps(), self.stop.samples());
+        if !samples.is_multiple_of(steps) {
+            return Err(SpecError::new(format!(
+                "--shutter-steps {steps}: {samples} samples of a pixel cannot be shared evenly among the steps; use \
+                 --spp {}, or a number of steps that divides {samples}",
+                u64::from(samples).next_multiple_of(steps.into())
             )));
         }
         Ok(())
@@ -239,6 +255,7 @@ impl RenderSpec {
             .with_seed(self.seed)
             .with_filter(self.sampling.filter)
             .with_early_end(self.stop.may_end_early())
+            .with_steps(self.animation.steps())
     }
 
     /// Bounces after which Russian roulette may end a path.

@@ -23,10 +23,11 @@ use animation::{Animation, Files};
 use anyhow::{Result, bail, ensure};
 use raystream::film::{Format, MAX_RADIANCE, picture_files};
 use raystream::picture::{AnyIntegrator, CheckedSpec, Checkpoint, Moving, Registry, Rendering, Shaders};
-use raystream::render::{Aov, PASSES_IN_FLIGHT};
+use raystream::render::{Aov, PASSES_IN_FLIGHT, Pass};
 use raystream::scene::Camera;
-use raystream::schedule::{JobHandle, JobOptions, LimitsError};
+use raystream::schedule::{JobHandle, JobOptions};
 use std::fmt::Display;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Renders a scene to one picture or an animation, and tells how far it is.
@@ -85,6 +86,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     }
     warn_of_blind_pixels(&rendering.camera(0)?, args.spec.size);
     if args.watch {
+        ensure!(args.spec.animation.shutter.is_none(), "--watch shows no --shutter; leave one of them out");
         return watch::run(args, &setup, &rendering, watched, progress);
     }
     still::run(args, &setup, &rendering, progress)
@@ -107,16 +109,18 @@ fn checkpoint(args: &RenderArgs, rendering: &Rendering, camera: &Camera) -> Opti
     Some(Checkpoint::new(path, rendering.identity(Some(camera)), args.saving.resume))
 }
 
-/// Submits an integrator's frame to the service.
-fn submit(
+/// Submits a pass of a frame to the service. Returns its integrator, too.
+fn expose(
     setup: &Setup,
     args: &RenderArgs,
     rendering: &Rendering,
-    integrator: &AnyIntegrator,
+    (integrator, frame, pass): (&AnyIntegrator, u32, Pass),
     name: &str,
-) -> Result<JobHandle, LimitsError> {
+) -> Result<(Arc<AnyIntegrator>, JobHandle)> {
+    let (rendering, exposed) = rendering.exposed(integrator, frame, pass)?;
     let options = JobOptions::default().with_name(name).with_timeline(args.timeline.is_some());
-    rendering.submit(&setup.service, integrator, options)
+    let job = rendering.submit(&setup.service, &exposed, options)?;
+    Ok((exposed, job))
 }
 
 /// Refuses files that cannot be written or would overwrite others, before time is spent on rendering.

@@ -3,7 +3,7 @@
 use super::animation::Animation;
 use super::totals::Totals;
 use super::viewer::Viewer;
-use super::{checkpoint, insist, partial, submit};
+use super::{checkpoint, expose, insist, partial};
 use crate::args::RenderArgs;
 use crate::progress::Progress;
 use crate::setup::Setup;
@@ -66,7 +66,9 @@ impl Shot {
     ) -> Result<()> {
         let name = format!("frame {}", self.frame);
         loop {
-            self.picture.begin(|pass| submit(setup, args, &self.rendering, pass, &name))?;
+            self.picture.begin_exposed(|integrator, pass| {
+                expose(setup, args, &self.rendering, (integrator, self.frame, pass), &name)
+            })?;
             if self.picture.is_complete() || !self.picture.wait_for(Duration::ZERO) {
                 return Ok(());
             }

@@ -2,7 +2,7 @@
 
 use super::totals::Totals;
 use super::viewer::{Viewer, pass_time};
-use super::{checkpoint, insist, partial, submit, warn_of_clamped};
+use super::{checkpoint, expose, insist, partial, warn_of_clamped};
 use crate::args::RenderArgs;
 use crate::events::Events;
 use crate::progress::{POLL_INTERVAL, Progress};
@@ -51,7 +51,7 @@ pub fn run(
                 frame.stop();
             }
         }
-        frame.begin(|pass| submit(setup, args, rendering, pass, &name))?;
+        frame.begin_exposed(|own, pass| expose(setup, args, rendering, (own, 0, pass), &name))?;
         if !frame.wait_for(POLL_INTERVAL) {
             progress.show(frame.progress());
             continue;

@@ -158,3 +158,157 @@ fn a_scene_at_rest_has_no_frames_of_its_own() {
     let told = run(folder, &["render", "fan.gltf", "--time", "soon"], 2);
     assert!(told.contains("finite number of seconds"), "{told}");
 }
+
+/// A wall whose colour changes, before it a lamp that gets brighter and is hidden at last, and a camera that zooms.
+fn show() -> String {
+    let arrays = [
+        Array::floats("VEC3", &[-3.0, -3.0, -1.0, 3.0, -3.0, -1.0, 0.0, 4.0, -1.0]),
+        Array::floats("SCALAR", &[0.0, 2.0]),
+        Array::floats("VEC4", &[1.0, 0.0, 0.0, 1.0, 0.0, 0.5, 1.0, 1.0]),
+        Array::floats("SCALAR", &[1.0, 9.0]),
+        Array::floats("SCALAR", &[0.5, 1.0]),
+        Array { kind: "SCALAR", component: 5121, bytes: vec![1, 0] },
+    ];
+    let channel = |sampler: u32, pointer: &str| {
+        let extensions = json!({ "KHR_animation_pointer": { "pointer": pointer } });
+        json!({ "sampler": sampler, "target": { "path": "pointer", "extensions": extensions } })
+    };
+    let rest = json!({
+        "extensionsUsed": ["KHR_animation_pointer", "KHR_lights_punctual", "KHR_node_visibility"],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "material": 0 }] }],
+        "materials": [{ "pbrMetallicRoughness": { "metallicFactor": 0.0 } }],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }],
+        "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "point" }] } },
+        "nodes": [{ "mesh": 0 }, { "camera": 0, "translation": [0, 0, 3] }, { "translation": [0.5, 0.5, 1],
+            "extensions": { "KHR_lights_punctual": { "light": 0 }, "KHR_node_visibility": { "visible": true } } }],
+        "animations": [{ "samplers": [{ "input": 1, "output": 2 }, { "input": 1, "output": 3 },
+                { "input": 1, "output": 4 }, { "input": 1, "output": 5, "interpolation": "STEP" }],
+            "channels": [channel(0, "/materials/0/pbrMetallicRoughness/baseColorFactor"),
+                channel(1, "/extensions/KHR_lights_punctual/lights/0/intensity"),
+                channel(2, "/cameras/0/perspective/yfov"),
+                channel(3, "/nodes/2/extensions/KHR_node_visibility/visible")] }]
+    });
+    gltf::file(&arrays, rest)
+}
+
+#[test]
+fn animated_properties_are_those_of_their_times() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("fan.gltf"), show()).expect("a scene");
+    // Without its lamp the scene would get another light.
+    let frames = ["--env", "0.1,0.1,0.1", "--frames", "0..5", "--fps", "2", "-o", "%d.npy"];
+    let moved = hashes(&render(folder, &frames));
+    for (frame, seconds) in ["0", "0.5", "1", "1.5", "2"].into_iter().enumerate() {
+        let still = render(folder, &["--env", "0.1,0.1,0.1", "--time", seconds]);
+        assert_eq!(still["image"]["hash"], moved[frame].as_str(), "{seconds} s");
+    }
+    assert!(moved.windows(2).all(|pair| pair[0] != pair[1]), "{moved:?}");
+    for more in [["--threads", "1"], ["--simd", "scalar"]] {
+        assert_eq!(hashes(&render(folder, &[&frames[..], &more].concat())), moved, "{more:?}");
+    }
+}
+
+#[test]
+fn a_shutter_blurs_frames_however_they_are_divided() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("fan.gltf"), fan()).expect("a scene");
+    let shutter = ["--shutter", "0.4", "--shutter-steps", "3"];
+    let frames = [&CAMERA[..], &["--frames", "1..4", "--fps", "2", "--aov", "depth,object,albedo"]].concat();
+    let open = [&frames[..], &shutter].concat();
+    let stats = render(folder, &[&open[..], &["-o", "%d.npy"]].concat());
+    let blurred = hashes(&stats);
+    assert_ne!(blurred, hashes(&render(folder, &[&frames[..], &["-o", "%d.npy"]].concat())));
+    let layers = |stats: &Value| {
+        stats["frames"]
+            .as_array()
+            .expect("frames")
+            .iter()
+            .map(|frame| frame["layers"].clone())
+            .collect::<Vec<_>>()
+    };
+    // The still of a time is the frame, layers included.
+    let still = [&CAMERA[..], &shutter, &["--time", "1", "--aov", "depth,object,albedo"]].concat();
+    let still = render(folder, &still);
+    assert_eq!(still["image"]["hash"], blurred[1].as_str());
+    assert_eq!(still["image"]["layers"], layers(&stats)[1]);
+    for more in [["--frames-in-flight", "1"], ["--threads", "1"], ["--simd", "scalar"]] {
+        let again = render(folder, &[&open[..], &["-o", "%d.npy"], &more].concat());
+        assert_eq!((hashes(&again), layers(&again)), (blurred.clone(), layers(&stats)), "{more:?}");
+    }
+    // Parts end within steps, and add up in any order.
+    for (name, samples) in [("a", "0..1"), ("b", "1..3"), ("c", "3..6")] {
+        let partial = format!("{name}.%d.rayfilm");
+        render(folder, &[&open[..], &["--samples", samples, "--partial", &partial]].concat());
+    }
+    for (frame, (hash, layers)) in (1..).zip(blurred.iter().zip(layers(&stats))) {
+        let parts = ["c", "a", "b"].map(|part| format!("{part}.{frame}.rayfilm"));
+        let merge = ["merge", &parts[0], &parts[1], &parts[2], "-o", "m.npy", "--stats", "m.json"];
+        run(folder, &merge, 0);
+        let merged = json(&folder.join("m.json"));
+        assert_eq!(merged["image"]["hash"], hash.as_str(), "frame {frame}");
+        assert_eq!(merged["image"]["layers"], layers, "frame {frame}");
+    }
+    // Pictures of other shutters are others, though the time is the same.
+    let other = [&frames[..], &["--shutter", "0.2", "--shutter-steps", "3", "--samples", "3..6"]].concat();
+    render(folder, &[&other[..], &["--partial", "d.%d.rayfilm"]].concat());
+    let told = run(folder, &["merge", "a.1.rayfilm", "d.1.rayfilm"], 2);
+    assert!(told.contains("it is of another picture") && told.contains("--shutter"), "{told}");
+    let checkpoint = ["--checkpoint", "c.json", "-o", "%d.npy"];
+    render(folder, &[&open[..], &checkpoint].concat());
+    let again = render(folder, &[&open[..], &checkpoint, &["--resume"]].concat());
+    assert_eq!((hashes(&again), &again["rays"]["camera"]), (blurred, &json!(0)));
+}
+
+#[test]
+fn the_camera_is_blurred_with_the_shutter() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("fan.gltf"), fan()).expect("a scene");
+    let hash = |more: &[&str]| {
+        let stats =
+            render(folder, &[&["--frames", "1..2", "-o", "%d.npy", "--turntable", "9"], more].concat());
+        hashes(&stats)
+    };
+    let still = hash(&[]);
+    let turned = hash(&["--shutter", "0.02", "--shutter-steps", "2"]);
+    let slower = hash(&["--shutter", "0.04", "--shutter-steps", "2", "--fps", "12"]);
+    // A share of a frame's turn is the same at any rate.
+    assert_ne!(still, turned);
+    assert_eq!(turned, slower);
+    std::fs::write(folder.join("fan.gltf"), show()).expect("a scene");
+    let zoomed = |more: &[&str]| render(folder, &[&["--time", "1"], more].concat())["image"]["hash"].clone();
+    assert_ne!(zoomed(&[]), zoomed(&["--shutter", "0.5", "--shutter-steps", "2"]));
+    assert_eq!(zoomed(&[]), zoomed(&["--shutter", "0.5", "--shutter-steps", "1"]));
+}
+
+#[test]
+fn shutters_that_cannot_be_are_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("fan.gltf"), fan()).expect("a scene");
+    let refused = |more: &[&str]| {
+        let args = ["render", "fan.gltf", "--size", "9x9", "--spp", "8", "-o", "a.png"];
+        run(folder, &[&args[..], more].concat(), 2)
+    };
+    for (more, says) in [
+        (&["--shutter", "0.1"][..], "--shutter is used with --time, --animation or --frames"),
+        (&["--shutter", "0", "--time", "1"], "a number of seconds above 0"),
+        (&["--shutter-steps", "4", "--time", "1"], "--shutter-steps is used with --shutter"),
+        (
+            &["--shutter", "0.1", "--time", "1"],
+            "--shutter-steps 16: 8 samples of a pixel cannot be shared evenly among the steps; use --spp 16",
+        ),
+        (&["--shutter", "0.1", "--shutter-steps", "3", "--time", "1"], "--spp 9"),
+        (&["--shutter", "0.1", "--time", "1", "--noise", "0.1"], "--shutter cannot be used with --noise"),
+        (&["--shutter", "0.1", "--time", "1", "--seconds", "1"], "--shutter cannot be used with --seconds"),
+        (
+            &["--shutter", "0.1", "--shutter-steps", "8", "--time", "1", "--denoise"],
+            "each step has a share of the samples",
+        ),
+    ] {
+        let told = refused(more);
+        assert!(told.contains(says), "{more:?}: {told}");
+    }
+}

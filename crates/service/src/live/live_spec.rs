@@ -23,7 +23,9 @@ pub(super) struct LiveSpec {
 impl LiveSpec {
     /// The spec of a view, and its first camera: that of the spec, or one that frames the scene if the spec's sees
     /// nothing. The camera is written out, so that another size does not move it.
-    pub fn new(spec: RenderSpec, scene: &Scene) -> (Self, Camera) {
+    pub fn new(mut spec: RenderSpec, scene: &Scene) -> (Self, Camera) {
+        // A view shows the time itself.
+        (spec.animation.shutter, spec.animation.shutter_steps) = (None, None);
         let plain = Self { spec, ..Self::default() };
         let camera = plain.camera(scene);
         let camera = camera.unwrap_or_else(|_| Camera::framing(&scene.bounds(), 16.0 / 9.0));

@@ -7,7 +7,7 @@ mod text;
 mod vector;
 
 pub use name::{Bits, Compression, LayerFormatName, Stops, ViewName};
-pub use number::{Angle, Count, Error, Kelvin, Plain, Positive, Rate, Samples, Seconds, Seed, Time};
+pub use number::{Angle, Count, Error, Kelvin, Plain, Positive, Rate, Samples, Seconds, Seed, Span, Time};
 pub use range::{Frames, SampleRange};
 pub use text::{File, Own, Text};
 pub use vector::{BrownConrady, Calibration, Fisheye, Shift, Size, Vector};

@@ -140,6 +140,11 @@ numbers! {
         Ok(seconds) if seconds.is_finite() => Ok(seconds),
         _ => Err("write a finite number of seconds, as in 1.5".into()),
     };
+    /// A span of an animation's time in seconds.
+    Span: f64 = text => match text.trim().parse::<f64>() {
+        Ok(seconds) if seconds.is_finite() && seconds > 0.0 => Ok(seconds),
+        _ => Err("write a number of seconds above 0, as in 0.02".into()),
+    };
     /// A colour temperature in kelvin.
     Kelvin: f32 = text => {
         let (least, greatest) = (Look::KELVINS.start(), Look::KELVINS.end());

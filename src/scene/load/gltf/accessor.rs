@@ -88,27 +88,56 @@ pub(super) fn vectors<const N: usize>(
     buffers: &Buffers,
     accessor: &Accessor,
 ) -> Result<Vec<[f32; N]>, String> {
-    let required = [Dimensions::Scalar, Dimensions::Vec2, Dimensions::Vec3, Dimensions::Vec4][N - 1];
-    if accessor.dimensions() != required {
-        return Err(format!("is of type {:?}, but {required:?} is required", accessor.dimensions()));
-    }
-    let kind = accessor.data_type();
-    let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
+    let kind = require::<N>(accessor)?;
     // Nearly all accessors have floats and need no conversion.
     if kind == DataType::F32 {
         return read(buffers, accessor, N, [0.0; N], |elements, i| {
             elements.words::<N>(i).map(f32::from_le_bytes)
         });
     }
+    let component = component(accessor);
+    read(buffers, accessor, N, [0.0; N], |elements, i| from_index(|c| component(elements, i, c) as f32))
+}
+
+/// Reads an accessor of vectors of 1 to 4 components, one after the other and not rounded. Normalised integers become
+/// numbers in −1..=1 or 0..=1.
+///
+/// # Errors
+/// When the accessor has another type, or names bytes or elements that do not exist.
+pub(super) fn numbers(buffers: &Buffers, accessor: &Accessor, width: usize) -> Result<Vec<f64>, String> {
+    fn all<const N: usize>(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<f64>, String> {
+        require::<N>(accessor)?;
+        let component = component(accessor);
+        let vector = |elements: &Elements, i| from_index::<_, N>(|c| component(elements, i, c));
+        Ok(read(buffers, accessor, N, [0.0; N], vector)?.into_flattened())
+    }
+    match width {
+        1 => all::<1>(buffers, accessor),
+        2 => all::<2>(buffers, accessor),
+        3 => all::<3>(buffers, accessor),
+        _ => all::<4>(buffers, accessor),
+    }
+}
+
+/// The type of an accessor's numbers, if it has vectors of `N` components.
+fn require<const N: usize>(accessor: &Accessor) -> Result<DataType, String> {
+    let required = [Dimensions::Scalar, Dimensions::Vec2, Dimensions::Vec3, Dimensions::Vec4][N - 1];
+    if accessor.dimensions() != required {
+        return Err(format!("is of type {:?}, but {required:?} is required", accessor.dimensions()));
+    }
+    Ok(accessor.data_type())
+}
+
+/// How a component of an accessor's elements is read.
+fn component(accessor: &Accessor) -> impl Fn(&Elements, usize, usize) -> f64 {
+    let kind = accessor.data_type();
+    let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
     // The least signed integer would become less than −1.
     let is_signed = accessor.normalized() && matches!(kind, DataType::I8 | DataType::I16);
-    let vector = |elements: &Elements, i| {
-        from_index(|c| {
-            let value = elements.number(i, c) / scale;
-            (if is_signed { value.max(-1.0) } else { value }) as f32
-        })
-    };
-    read(buffers, accessor, N, [0.0; N], vector)
+    move |elements, i, c| {
+        let value = elements.number(i, c) / scale;
+        if is_signed { value.max(-1.0) } else { value }
+    }
 }
 
 /// Reads an accessor of colours without alpha, which then is 1, or with alpha. Integers count as normalised. Components

@@ -4,6 +4,8 @@ use super::Context;
 use super::accessor;
 use super::mesh::{Attributes, NodeTransform, read_attribute};
 use crate::geom::Skin;
+use ::gltf::accessor::Dimensions;
+use ::gltf::mesh::MorphTarget;
 use ::gltf::{Accessor, Primitive, Semantic};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
@@ -32,19 +34,36 @@ pub(super) struct Bent {
 impl Bending {
     /// True if it does nothing to a primitive.
     pub(super) fn is_none(&self, primitive: &Primitive) -> bool {
-        let is_displaced = primitive.morph_targets().zip(&self.weights).any(|(_, weight)| *weight != 0.0);
-        self.joints.is_none() && !is_displaced
+        self.joints.is_none() && !self.displaces(primitive)
     }
 
-    /// The accessors of a primitive that say how it is bent: two with the same share their vertices.
-    pub(super) fn key(&self, primitive: &Primitive) -> Vec<Option<usize>> {
-        let index = |accessor: Option<Accessor>| accessor.map(|accessor| accessor.index());
-        let targets = primitive.morph_targets().flat_map(|target| {
-            [index(target.positions()), index(target.normals()), index(target.tangents())]
-        });
+    fn displaces(&self, primitive: &Primitive) -> bool {
+        primitive.morph_targets().zip(&self.weights).any(|(_, weight)| *weight != 0.0)
+    }
+
+    /// The accessors of a primitive that say how it is bent: two with the same share their vertices. `names` are those
+    /// of its texture coordinates and colours.
+    ///
+    /// # Errors
+    /// When a target names an accessor that does not exist.
+    pub(super) fn key(
+        &self,
+        context: &Context,
+        primitive: Placed,
+        names: &[String],
+    ) -> Result<Vec<Option<usize>>, String> {
+        let mut targets = Vec::new();
+        for name in ["POSITION", "NORMAL", "TANGENT"].into_iter().chain(names.iter().map(String::as_str)) {
+            for (number, target) in primitive.of.morph_targets().enumerate() {
+                let accessor = primitive.displacements(context, (number, &target), name)?;
+                targets.push(accessor.map(|accessor| accessor.index()));
+            }
+        }
+        let primitive = primitive.of;
         let joints = (0..).map_while(|set| primitive.get(&Semantic::Joints(set)));
         let weights = (0..).map_while(|set| primitive.get(&Semantic::Weights(set)));
-        targets.chain(joints.chain(weights).map(|accessor| Some(accessor.index()))).collect()
+        targets.extend(joints.chain(weights).map(|accessor| Some(accessor.index())));
+        Ok(targets)
     }
 
     /// The vertices of a primitive in the world: displaced by morph targets, then moved by joints or placed by the
@@ -55,7 +74,7 @@ impl Bending {
     pub(super) fn bend(
         &self,
         context: &mut Context,
-        primitive: &Primitive,
+        primitive: Placed,
         attributes: &Attributes,
         transform: &NodeTransform,
     ) -> Result<Bent, String> {
@@ -69,11 +88,15 @@ impl Bending {
             let read = read_attribute::<4>(context, "TANGENT", accessor)?;
             (tangents, signs) = read.into_iter().map(|[x, y, z, w]| ([x, y, z], 1.0_f32.copysign(w))).unzip();
         }
-        let positions = self.displaced(context, primitive, "POSITION", positions)?;
-        let normals = self.displaced(context, primitive, "NORMAL", normals)?;
-        let tangents = self.displaced(context, primitive, "TANGENT", tangents)?;
+        let displaced = |name, rest| -> Result<Vec<DVec3>, String> {
+            let vectors = self.displaced::<3>(context, primitive, name, rest)?;
+            Ok(vectors.into_iter().map(DVec3::from_array).collect())
+        };
+        let positions = displaced("POSITION", positions)?;
+        let normals = displaced("NORMAL", normals)?;
+        let tangents = displaced("TANGENT", tangents)?;
         let skin = match &self.joints {
-            Some(joints) => skin(context, primitive, joints, positions.len())?,
+            Some(joints) => skin(context, primitive.of, joints, positions.len())?,
             None => None,
         };
         Ok(match skin {
@@ -82,14 +105,17 @@ impl Bending {
         })
     }
 
-    /// Adds the displacements of the morph targets, each as often as its weight says.
-    fn displaced(
+    /// Adds the displacements of an attribute by the morph targets, each as often as its weight says.
+    ///
+    /// # Errors
+    /// When displacements are not those of the vertices, or cannot be read.
+    fn displaced<const N: usize>(
         &self,
         context: &Context,
-        primitive: &Primitive,
+        primitive: Placed,
         name: &str,
-        rest: Vec<[f32; 3]>,
-    ) -> Result<Vec<DVec3>, String> {
+        rest: Vec<[f32; N]>,
+    ) -> Result<Vec<[f64; N]>, String> {
         let displaced = self.weights.iter().filter(|weight| **weight != 0.0).count();
         if displaced.saturating_mul(rest.len()) > MOST_DISPLACED {
             return Err(format!(
@@ -97,27 +123,82 @@ impl Bending {
                 rest.len()
             ));
         }
-        let mut sums: Vec<DVec3> =
-            rest.into_iter().map(|vector| DVec3::from_array(vector.map(f64::from))).collect();
-        for (number, (target, &weight)) in primitive.morph_targets().zip(&self.weights).enumerate() {
-            let accessor = match name {
-                "POSITION" => target.positions(),
-                "NORMAL" => target.normals(),
-                _ => target.tangents(),
-            };
+        let mut sums: Vec<[f64; N]> = rest.into_iter().map(|vector| vector.map(f64::from)).collect();
+        for (number, (target, &weight)) in primitive.of.morph_targets().zip(&self.weights).enumerate() {
             // A vertex without a normal is not displaced into having one.
-            let Some(accessor) = accessor.filter(|_| weight != 0.0 && !sums.is_empty()) else { continue };
+            if weight == 0.0 || sums.is_empty() {
+                continue;
+            }
+            let Some(accessor) = primitive.displacements(context, (number, &target), name)? else { continue };
             let place = format!("targets[{number}].{name}");
             if accessor.count() != sums.len() {
                 return Err(format!("{place} has {} elements for {} vertices", accessor.count(), sums.len()));
             }
-            let displacements = read_attribute::<3>(context, &place, &accessor)?;
-            for (sum, displacement) in sums.iter_mut().zip(displacements) {
-                *sum += DVec3::from_array(displacement.map(f64::from)) * weight;
+            for (sum, displacement) in sums.iter_mut().zip(displacements::<N>(context, &place, &accessor)?) {
+                for (sum, displacement) in sum.iter_mut().zip(displacement) {
+                    *sum += f64::from(displacement) * weight;
+                }
             }
         }
         Ok(sums)
     }
+
+    /// Texture coordinates or colours with their displacements, rounded once.
+    ///
+    /// # Errors
+    /// When displacements are not those of the vertices, or cannot be read.
+    pub(super) fn displaced_values<const N: usize>(
+        &self,
+        context: &Context,
+        primitive: Placed,
+        name: &str,
+        rest: Vec<[f32; N]>,
+    ) -> Result<Vec<[f32; N]>, String> {
+        if !self.displaces(primitive.of) {
+            return Ok(rest);
+        }
+        let displaced = self.displaced(context, primitive, name, rest)?;
+        Ok(displaced.into_iter().map(|value| value.map(|component| component as f32)).collect())
+    }
+}
+
+/// A primitive and the number of its mesh.
+#[derive(Clone, Copy)]
+pub(super) struct Placed<'a, 'p> {
+    pub(super) mesh: usize,
+    pub(super) of: &'p Primitive<'a>,
+}
+
+impl<'a> Placed<'a, '_> {
+    /// The displacements of an attribute by a morph target. `None` if it displaces none.
+    fn displacements(
+        self,
+        context: &Context<'a>,
+        (number, target): (usize, &MorphTarget<'a>),
+        name: &str,
+    ) -> Result<Option<Accessor<'a>>, String> {
+        match name {
+            "POSITION" => Ok(target.positions()),
+            "NORMAL" => Ok(target.normals()),
+            "TANGENT" => Ok(target.tangents()),
+            _ => context.targets.accessor(context.document, [self.mesh, self.of.index(), number], name),
+        }
+    }
+}
+
+/// Displacements of `N` components each. Colours without alpha leave it as it is.
+fn displacements<const N: usize>(
+    context: &Context,
+    place: &str,
+    accessor: &Accessor,
+) -> Result<Vec<[f32; N]>, String> {
+    if N == 4 && accessor.dimensions() == Dimensions::Vec3 {
+        let colours = read_attribute::<3>(context, place, accessor)?;
+        let widened =
+            |colour: [f32; 3]| std::array::from_fn(|channel| colour.get(channel).copied().unwrap_or(0.0));
+        return Ok(colours.into_iter().map(widened).collect());
+    }
+    read_attribute::<N>(context, place, accessor)
 }
 
 /// Four joints that each vertex follows, and their weights.

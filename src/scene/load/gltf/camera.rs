@@ -46,7 +46,8 @@ impl Cameras {
         let mut cameras = Vec::new();
         for (named, node) in self.found {
             let chain = path_from_root(context.document, node);
-            let motion = camera_motion(context, &chain, named.camera)?;
+            let source = chain.last().and_then(Node::camera).expect("the node has a camera");
+            let motion = camera_motion(context, &chain, &source, named.camera)?;
             cameras.push(named.with_motion(motion));
         }
         Ok(cameras)

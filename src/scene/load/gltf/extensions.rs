@@ -51,7 +51,7 @@ const EXTENSIONS: [(&str, Support); 67] = [
     ("FB_geometry_metadata", METADATA),
     ("GODOT_single_root", METADATA),
     ("KHR_accessor_float64", Ignored("accessors of 64-bit floats cannot be read")),
-    ("KHR_animation_pointer", Ignored("what it animates stands still")),
+    ("KHR_animation_pointer", Full),
     ("KHR_audio", BEHAVIOUR),
     ("KHR_audio_emitter", BEHAVIOUR),
     ("KHR_draco_mesh_compression", Full),

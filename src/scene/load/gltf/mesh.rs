@@ -5,7 +5,7 @@ use super::super::dropped::Dropped;
 use super::super::strokes::{self, Strokes};
 use super::Context;
 use super::accessor;
-use super::bent::{Bending, Bent};
+use super::bent::{Bending, Bent, Placed};
 use super::buffers::Buffers;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
@@ -49,8 +49,8 @@ pub(super) struct Flattened<'a> {
 pub(super) struct Attributes<'a> {
     pub(super) positions: Accessor<'a>,
     pub(super) normals: Option<Accessor<'a>>,
-    /// The sets of texture coordinates, as the material numbers them.
-    uvs: Vec<Option<Accessor<'a>>>,
+    /// The sets of texture coordinates, as the material numbers them, each with its name.
+    uvs: Vec<Option<(String, Accessor<'a>)>>,
     pub(super) tangents: Option<Accessor<'a>>,
     colours: Option<Accessor<'a>>,
 }
@@ -167,18 +167,18 @@ impl<'a> Flattened<'a> {
     ) -> Result<(), String> {
         let material = self.materials.chosen.of(mesh.index(), primitive);
         let attributes = self.attributes(context, primitive, material)?;
-        let bent = bending.bend(context, primitive, &attributes, transform)?;
-        let placed = bent.positions.into_iter().enumerate();
+        let placed = Placed { mesh: mesh.index(), of: primitive };
+        let bent = bending.bend(context, placed, &attributes, transform)?.positions.into_iter().enumerate();
         let place = |i: usize| format!("vertex {i} of {}, in the world", place(mesh, primitive));
         let positions: Vec<Vec3> =
-            placed.map(|(i, position)| self.dropped.checked(position, || place(i))).collect();
+            bent.map(|(i, position)| self.dropped.checked(position, || place(i))).collect();
         let mut ends = ends(primitive.mode(), &indices(context, primitive, positions.len())?);
         ends.retain(|ends| !self.dropped.drops(ends.map(|end| positions[end as usize])));
         let base = self.mesh.positions.len();
         check_count(base + size_of_strokes(primitive.mode(), ends.len() as u64).vertices as usize)?;
         pad(&mut self.mesh.normals, base);
         let stand_for = self.strokes.add(&mut self.mesh, &ends, &positions);
-        self.columns(context, &attributes, base, Some(&stand_for))?;
+        self.columns(context, (&attributes, bending, placed), base, Some(&stand_for))?;
         let material = self.material_index(material);
         self.mesh.materials.resize(self.mesh.triangles.len(), material);
         Ok(())
@@ -202,14 +202,15 @@ impl<'a> Flattened<'a> {
         let material = self.materials.chosen.of(mesh.index(), primitive);
         let attributes = self.attributes(context, primitive, material)?;
         let count = attributes.positions.count();
-        let key = [attributes.key(), bending.key(primitive)].concat();
+        let placed = Placed { mesh: mesh.index(), of: primitive };
+        let key = [attributes.key(), bending.key(context, placed, &attributes.names())?].concat();
         let (base, mirrors) = match bases.get(&key) {
             Some(&found) => found,
             None => {
                 let name = || place(mesh, primitive);
-                let bent = bending.bend(context, primitive, &attributes, transform)?;
+                let bent = bending.bend(context, placed, &attributes, transform)?;
                 let mirrors = bent.mirrors;
-                let first = self.vertices(context, name, &attributes, bent)?;
+                let first = self.vertices(context, name, (&attributes, bending, placed), bent)?;
                 *bases.entry(key).or_insert((first, mirrors))
             }
         };
@@ -249,12 +250,13 @@ impl<'a> Flattened<'a> {
     ) -> Result<Attributes<'p>, String> {
         let mut uvs = Vec::new();
         for &set in self.materials.uv_sets(material) {
-            let mut found = primitive.get(&Semantic::TexCoords(set));
+            let of = |set| Some((format!("TEXCOORD_{set}"), primitive.get(&Semantic::TexCoords(set))?));
+            let mut found = of(set);
             if found.is_none() && set != 0 {
                 context.session.warnings.add(format!(
                     "A mesh has no TEXCOORD_{set}, which its material uses; TEXCOORD_0 is used instead."
                 ));
-                found = primitive.get(&Semantic::TexCoords(0));
+                found = of(0);
             }
             uvs.push(found);
         }
@@ -268,16 +270,16 @@ impl<'a> Flattened<'a> {
             colours: primitive.get(&Semantic::Colors(0)),
         };
         let count = attributes.positions.count();
-        let uvs = attributes.uvs.iter().map(|uvs| ("TEXCOORD", uvs));
+        let uvs = attributes.uvs.iter().flatten().map(|(name, uvs)| (&**name, Some(uvs)));
         for (name, accessor) in [
-            ("NORMAL", &attributes.normals),
-            ("TANGENT", &attributes.tangents),
-            ("COLOR_0", &attributes.colours),
+            ("NORMAL", attributes.normals.as_ref()),
+            ("TANGENT", attributes.tangents.as_ref()),
+            ("COLOR_0", attributes.colours.as_ref()),
         ]
         .into_iter()
         .chain(uvs)
         {
-            if let Some(found) = accessor.as_ref().map(Accessor::count).filter(|&found| found != count) {
+            if let Some(found) = accessor.map(Accessor::count).filter(|&found| found != count) {
                 return Err(format!("{found} elements of {name} for {count} of POSITION"));
             }
         }
@@ -289,7 +291,7 @@ impl<'a> Flattened<'a> {
         &mut self,
         context: &mut Context,
         place: impl Fn() -> String,
-        attributes: &Attributes,
+        (attributes, bending, placed): (&Attributes, &Bending, Placed),
         Bent { positions, normals, tangents, .. }: Bent,
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
@@ -302,7 +304,7 @@ impl<'a> Flattened<'a> {
             pad(&mut self.mesh.normals, base);
             self.mesh.normals.extend(normals);
         }
-        self.columns(context, attributes, base, None)?;
+        self.columns(context, (attributes, bending, placed), base, None)?;
         if attributes.tangents.is_some() {
             pad(&mut self.mesh.tangents, base);
             self.mesh.tangents.extend(tangents);
@@ -315,36 +317,40 @@ impl<'a> Flattened<'a> {
     fn columns(
         &mut self,
         context: &Context,
-        attributes: &Attributes,
+        (attributes, bending, placed): (&Attributes, &Bending, Placed),
         base: usize,
         stand_for: Option<&[u32]>,
     ) -> Result<(), String> {
         let mesh = &mut self.mesh;
         for (set, accessor) in attributes.uvs.iter().enumerate() {
-            let Some(accessor) = accessor else { continue };
+            let Some((name, accessor)) = accessor else { continue };
+            let uvs = read_attribute::<2>(context, name, accessor)?;
+            let uvs = bending.displaced_values(context, placed, name, uvs)?;
             mesh.more_uvs.resize(mesh.more_uvs.len().max(set), Vec::new());
             let column = if set == 0 { &mut mesh.uvs } else { &mut mesh.more_uvs[set - 1] };
             pad(column, base);
             let finite = |uv: [f32; 2]| Some(Vec2::from_array(uv)).filter(|uv| uv.is_finite());
-            let uvs = read_attribute(context, "TEXCOORD", accessor)?.into_iter();
-            let uvs: Vec<Vec2> = uvs.map(|uv| finite(uv).unwrap_or_default()).collect();
-            extend(column, uvs, stand_for);
+            extend(column, uvs, stand_for, |uv| finite(uv).unwrap_or_default());
         }
         if let Some(accessor) = &attributes.colours {
             mesh.colours.resize(base, Vec4::ONE);
             let colours = accessor::colours(context.buffers, accessor)
                 .map_err(|problem| format!("COLOR_0 (accessors[{}]): {problem}", accessor.index()))?;
-            extend(&mut mesh.colours, colours, stand_for);
+            let colours = colours.into_iter().map(|colour| colour.to_array()).collect();
+            let colours = bending.displaced_values(context, placed, "COLOR_0", colours)?;
+            // The comparison fails for NaN.
+            let clamped = |channel: f32| if channel > 0.0 { channel.min(1.0) } else { 0.0 };
+            extend(&mut mesh.colours, colours, stand_for, |colour| Vec4::from_array(colour.map(clamped)));
         }
         Ok(())
     }
 }
 
 /// Appends values: all of them, or those of some vertices.
-fn extend<T: Copy>(column: &mut Vec<T>, values: Vec<T>, of: Option<&[u32]>) {
+fn extend<T: Copy, U>(column: &mut Vec<U>, values: Vec<T>, of: Option<&[u32]>, made: impl Fn(T) -> U) {
     match of {
-        None => column.extend(values),
-        Some(vertices) => column.extend(vertices.iter().map(|&vertex| values[vertex as usize])),
+        None => column.extend(values.into_iter().map(made)),
+        Some(vertices) => column.extend(vertices.iter().map(|&vertex| made(values[vertex as usize]))),
     }
 }
 
@@ -422,8 +428,15 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
 impl Attributes<'_> {
     fn key(&self) -> Vec<Option<usize>> {
         let index = |accessor: &Option<Accessor>| accessor.as_ref().map(Accessor::index);
-        let fixed = [&self.normals, &self.tangents, &self.colours].into_iter().chain(&self.uvs).map(index);
-        [Some(self.positions.index())].into_iter().chain(fixed).collect()
+        let fixed = [&self.normals, &self.tangents, &self.colours].into_iter().map(index);
+        let uvs = self.uvs.iter().map(|uvs| uvs.as_ref().map(|(_, accessor)| accessor.index()));
+        [Some(self.positions.index())].into_iter().chain(fixed).chain(uvs).collect()
+    }
+
+    /// The names of the attributes that do not depend on the node's place.
+    fn names(&self) -> Vec<String> {
+        let uvs = self.uvs.iter().flatten().map(|(name, _)| name.clone());
+        uvs.chain(self.colours.iter().map(|_| "COLOR_0".to_owned())).collect()
     }
 }
 

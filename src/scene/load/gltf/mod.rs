@@ -20,7 +20,9 @@ mod mesh;
 mod meshopt;
 mod node;
 mod object;
+mod pointer;
 mod pose;
+mod targets;
 mod texture;
 mod variant;
 
@@ -31,11 +33,13 @@ use super::{LoadProblem, check_text};
 use crate::scene::{Material, Scene};
 use ::gltf::Document;
 use ::gltf::json::validation::{Error as Invalid, Validate};
-use ::gltf::json::{Path as JsonPath, Root};
+use ::gltf::json::{Path as JsonPath, Root, Value};
 use buffers::Buffers;
 use mesh::Materials;
+use pointer::Pointers;
 use serde::Deserialize;
 use std::path::Path;
+use targets::Targets;
 use variant::MaterialsByPrimitive;
 
 /// Context that the parts of the loader share.
@@ -43,6 +47,8 @@ struct Context<'a> {
     session: &'a mut Session,
     document: &'a Document,
     buffers: &'a Buffers,
+    pointers: &'a Pointers,
+    targets: &'a Targets,
 }
 
 impl Context<'_> {
@@ -58,12 +64,18 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let bytes = session.read()?;
     let container = container::split(&path, &bytes)?;
     check_text(&path, container.json)?;
-    let document = parse(&path, container.json, &mut session.warnings)?;
+    let pointers = Pointers::take(session, container.json)?;
+    let document = parse(&path, container.json, &pointers, &mut session.warnings)?;
     let buffers = Buffers::read(session, &document, container.binary)?;
-    let mut context = Context { session, document: &document, buffers: &buffers };
-    let variants = variant::names(&document);
+    let targets = Targets::read(container.json);
+    let (buffers, pointers, targets) = (&buffers, &pointers, &targets);
+    let mut context = Context { session, document: &document, buffers, pointers, targets };
+    let shown = pointers.shown(&mut context)?;
+    let document = shown.as_ref().unwrap_or(&document);
+    let mut context = Context { session, document, buffers, pointers, targets };
+    let variants = variant::names(document);
     let chosen = MaterialsByPrimitive::new(&context, &variants)?;
-    let colours = colour::by_material(&document, &chosen);
+    let colours = colour::by_material(document, &chosen);
     let mut textures = Textures::default();
     let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
     for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
@@ -94,9 +106,18 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
 }
 
 /// Parses and checks the JSON. Afterwards every index in it is in range and every enumeration value is known.
-fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, LoadProblem> {
+fn parse(
+    path: &Path,
+    json: &[u8],
+    pointers: &Pointers,
+    warnings: &mut Warnings,
+) -> Result<Document, LoadProblem> {
     let file = |problem| LoadProblem::File { path: path.to_owned(), problem };
-    let mut root: Root = ::gltf::json::deserialize::from_slice(json).map_err(|error| {
+    let root = match pointers.json() {
+        None => ::gltf::json::deserialize::from_slice(json).or_else(|error| bare_scenes(json).ok_or(error)),
+        Some(json) => Root::deserialize(json),
+    };
+    let mut root: Root = root.map_err(|error| {
         // A file of another version differs in more than its version.
         let head = ::gltf::json::deserialize::from_slice::<Head>(json);
         let problem = head.ok().and_then(|head| unsupported(&head.asset.version, None));
@@ -113,6 +134,21 @@ fn parse(path: &Path, json: &[u8], warnings: &mut Warnings) -> Result<Document, 
     extensions::warn_of_ignored(&root.extensions_used, json, warnings);
     check(path, &root)?;
     Ok(Document::from_json_without_validation(root))
+}
+
+/// A document with scenes that have no list of nodes, which the crate requires. `None` if something else is wrong.
+fn bare_scenes(json: &[u8]) -> Option<Root> {
+    let mut root = serde_json::from_slice(json).ok()?;
+    fill_scenes(&mut root);
+    Root::deserialize(root).ok()
+}
+
+/// Gives scenes without nodes an empty list of them.
+fn fill_scenes(root: &mut Value) {
+    let scenes = root.get_mut("scenes").and_then(Value::as_array_mut);
+    for scene in scenes.into_iter().flatten().filter_map(Value::as_object_mut) {
+        scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+    }
 }
 
 /// Head of documents of all versions.

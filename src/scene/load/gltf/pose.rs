@@ -3,6 +3,7 @@
 use super::super::LoadProblem;
 use super::Context;
 use super::animation::{self, constant};
+use super::pointer::Owner;
 use crate::scene::AnimatedNode;
 use ::gltf::animation::Property;
 use ::gltf::{Animation, Document, Mesh, Node};
@@ -14,8 +15,10 @@ use std::collections::BTreeMap;
 pub(super) struct Pose {
     /// The nodes that the animation moves.
     matrices: BTreeMap<usize, DMat4>,
-    /// The nodes whose weights it sets.
-    weights: BTreeMap<usize, Vec<f64>>,
+    /// The nodes and meshes whose weights it sets.
+    weights: BTreeMap<Owner, Vec<f64>>,
+    /// Single weights that it sets, by their numbers.
+    single: Vec<(Owner, usize, f64)>,
 }
 
 /// The name of an animation.
@@ -45,8 +48,14 @@ pub(super) fn chosen<'a>(context: &mut Context<'a>) -> Result<Option<Animation<'
     })
 }
 
-/// True if the animation that the options choose moves more than cameras: meshes, lights, joints, morph targets. Where
-/// no time is chosen, a warning tells it.
+/// The time that the options choose. `None` if the pose at rest is shown.
+pub(super) fn time(context: &Context) -> Option<f64> {
+    let options = &context.session.options;
+    options.time.or(options.animation.is_some().then_some(0.0))
+}
+
+/// True if the animation that the options choose moves more than cameras: meshes, lights, joints, morph targets,
+/// materials. Where no time is chosen, a warning tells it.
 ///
 /// # Errors
 /// When there is no animation of the name.
@@ -75,7 +84,8 @@ pub(super) fn is_animated(context: &mut Context) -> Result<bool, LoadProblem> {
         let target = channel.target();
         target.property() == Property::MorphTargetWeights || carries[target.node().index()]
     };
-    let is_animated = animation.channels().any(moves);
+    let is_animated =
+        animation.channels().any(moves) || context.pointers.of(&animation).any(|channel| channel.shows());
     let options = &context.session.options;
     if is_animated && options.time.is_none() && options.animation.is_none() {
         let names = names(document).join(", ");
@@ -93,9 +103,8 @@ impl Pose {
     /// When there is no such animation, or keys are missing or out of order.
     pub(super) fn new(context: &mut Context) -> Result<Self, LoadProblem> {
         let animation = chosen(context)?;
-        let options = &context.session.options;
-        let is_named = options.animation.is_some();
-        let Some(time) = options.time.or(is_named.then_some(0.0)) else { return Ok(Self::default()) };
+        let is_named = context.session.options.animation.is_some();
+        let Some(time) = time(context) else { return Ok(Self::default()) };
         let Some(animation) = animation else {
             context.session.warnings.add("The file has no animation, so it looks the same at any time.");
             return Ok(Self::default());
@@ -118,14 +127,37 @@ impl Pose {
             if channel.target().property() == Property::MorphTargetWeights {
                 let targets = node.mesh().map_or(0, |mesh| morph_targets(&mesh));
                 let tracks = animation::weights(context, animation, &channel, targets)?;
-                weights.insert(node.index(), tracks.iter().map(|track| track.at(time)).collect());
+                let values = tracks.iter().map(|track| track.at(time)).collect();
+                weights.insert(Owner::Node(node.index()), values);
                 continue;
             }
             let moved = nodes.entry(node.index()).or_insert_with(|| constant(&node));
             animation::read(context, animation, &channel, moved)?;
         }
+        let mut single = Vec::new();
+        for channel in context.pointers.of(animation) {
+            let Some((owner, which)) = channel.weights() else { continue };
+            let mesh = match owner {
+                Owner::Node(node) => context.document.nodes().nth(node).and_then(|node| node.mesh()),
+                Owner::Mesh(mesh) => context.document.meshes().nth(mesh),
+            };
+            let targets = mesh.map_or(0, |mesh| morph_targets(&mesh));
+            match which {
+                None => {
+                    let keys = channel.keys(context, animation, 1)?;
+                    let track = |target| keys.track((target, targets), |numbers| numbers[0]);
+                    let values = (0..targets).map(|target| Ok(track(target)?.at(time)));
+                    weights.insert(owner, values.collect::<Result<_, LoadProblem>>()?);
+                }
+                Some(which) if which >= targets => {
+                    let problem = format!("names weight {which}, but there are {targets} morph targets");
+                    return Err(context.error(channel.place(), problem));
+                }
+                Some(which) => single.push((owner, which, channel.number(context, animation)?.at(time))),
+            }
+        }
         let matrices = nodes.into_iter().map(|(node, moved)| (node, moved.matrix_at(time))).collect();
-        Ok(Self { matrices, weights })
+        Ok(Self { matrices, weights, single })
     }
 
     /// The matrix of a node that the animation moves, relative to its parent.
@@ -135,11 +167,28 @@ impl Pose {
 
     /// The weights of the morph targets of a node's mesh.
     pub(super) fn weights(&self, node: &Node, mesh: &Mesh) -> Vec<f64> {
-        if let Some(weights) = self.weights.get(&node.index()) {
-            return weights.clone();
+        let of_file = |weights: &[f32]| weights.iter().map(|weight| f64::from(*weight)).collect();
+        let node_index = Owner::Node(node.index());
+        let own = self.weights.get(&node_index).cloned().or_else(|| node.weights().map(of_file));
+        let mut weights = own.unwrap_or_else(|| {
+            let of_mesh = Owner::Mesh(mesh.index());
+            let mut weights = match self.weights.get(&of_mesh) {
+                Some(animated) => animated.clone(),
+                None => mesh.weights().map(of_file).unwrap_or_default(),
+            };
+            self.set_single(of_mesh, &mut weights);
+            weights
+        });
+        self.set_single(node_index, &mut weights);
+        weights
+    }
+
+    fn set_single(&self, of: Owner, weights: &mut Vec<f64>) {
+        for &(_, which, value) in self.single.iter().filter(|(owner, ..)| *owner == of) {
+            // Weights that a file leaves out are 0.
+            weights.resize(weights.len().max(which + 1), 0.0);
+            weights[which] = value;
         }
-        let weights = node.weights().or(mesh.weights()).unwrap_or(&[]);
-        weights.iter().map(|weight| f64::from(*weight)).collect()
     }
 }
 

@@ -1,6 +1,6 @@
 use super::{EXTENSIONS, Full, Ignored, NotVisible, support};
 use crate::scene::Scene;
-use crate::scene::load::{LoadError, load};
+use crate::scene::load::{LoadError, LoadOptions, load_with};
 use image::ImageFormat;
 use meshoptimizer_rs::Workspace;
 use meshoptimizer_rs::codec::{self, VertexEncoding};
@@ -92,7 +92,9 @@ impl Document {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("a.glb");
         std::fs::write(&path, [head.concat(), tail.concat()].concat()).expect("a file");
-        load(&path)
+        let options = LoadOptions::default();
+        let is_animated = !self.json["animations"].is_null();
+        load_with(&path, &if is_animated { options.with_time(0.0) } else { options })
     }
 
     fn scene(&self) -> Scene {
@@ -108,6 +110,15 @@ fn example(name: &str) -> Document {
         "EXT_mesh_gpu_instancing" => {
             let translations = document.floats("VEC3", &[1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
             ("/nodes/0", json!({ "attributes": { "TRANSLATION": translations } }))
+        }
+        "KHR_animation_pointer" => {
+            let times = document.view(&0.0_f32.to_le_bytes());
+            let times = json!({ "bufferView": times, "componentType": 5126, "type": "SCALAR", "count": 1 });
+            let times = document.push("accessors", times);
+            let colours = document.floats("VEC3", &[1.0, 0.0, 0.0]);
+            document.json["animations"] = json!([{ "samplers": [{ "input": times, "output": colours }],
+                "channels": [{ "sampler": 0, "target": { "path": "pointer" } }] }]);
+            ("/animations/0/channels/0/target", json!({ "pointer": "/materials/0/emissiveFactor" }))
         }
         "EXT_texture_webp" => ("/textures/0", json!({ "source": 1 })),
         "KHR_lights_punctual" => {
