@@ -49,6 +49,12 @@ fn trace(ray: Ray, payload: Payload) -> vec3f {
     return vec3f();
 }
 
+// 1 if nothing is hit between the ends of a ray, 0 otherwise. The function goes on when the ray has been traced, after
+// the last bounce, too. Multiply by it where `hit` returns radiance: what `shadow` adds is not weighted by its callers.
+fn visible(ray: Ray) -> f32 {
+    return 1.0;
+}
+
 // Rays before this one on its path; 0 for a camera ray.
 fn depth() -> u32 {
     return 0u;

@@ -6,6 +6,21 @@ fn pow3(base: vec3f, power: f32) -> vec3f {
     return vec3f(pow_of(base.x, power), pow_of(base.y, power), pow_of(base.z, power));
 }
 
+// From a to b; what is the same in both stays as it is.
+fn mixed(a: f32, b: f32, share: f32) -> f32 {
+    return select(mix(a, b, share), a, bitcast<u32>(a) == bitcast<u32>(b));
+}
+
+fn mixed3(a: vec3f, b: vec3f, share: f32) -> vec3f {
+    return vec3f(mixed(a.x, b.x, share), mixed(a.y, b.y, share), mixed(a.z, b.z, share));
+}
+
+// The share of light that the boundary of a body of an index of refraction reflects at normal incidence.
+fn reflectance_of(ior: f32) -> f32 {
+    let ratio = (ior - 1.0) / (ior + 1.0);
+    return ratio * ratio;
+}
+
 // From 0 to 1 with a slope of 0 at either end.
 fn ease(x: f32) -> f32 {
     return x * x * x * (x * (x * 6.0 - 15.0) + 10.0);

@@ -2,13 +2,16 @@
 
 use super::plugin_options::Setting;
 use crate::program::{MAX_SOURCE_BYTES, SurfaceShader};
-use crate::scene::Scene;
+use crate::scene::{Scene, Surface};
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::SystemTime;
+
+/// What becomes of a shader whose file cannot be loaded anew.
+const KEPT: &str = "the picture keeps the last good shader";
 
 /// The extension of shader files. A surface of a scene whose name ends so is a shader file.
 pub const EXTENSION: &str = ".wgsl";
@@ -61,7 +64,8 @@ impl fmt::Display for ShaderSurface {
 struct Applied {
     file: PathBuf,
     material: String,
-    materials: Vec<usize>,
+    /// Their numbers, and the surfaces that they have themselves.
+    materials: Vec<(usize, Surface)>,
     values: Vec<(String, String)>,
     /// When the file was last changed before it was read.
     modified: Option<SystemTime>,
@@ -94,12 +98,18 @@ impl Shaders {
             let mut used = vec![false; self.settings.len()];
             match load(file, material, values, &self.settings, &mut used) {
                 Ok(shader) => {
-                    let new = changed.get_or_insert_with(|| scene.clone());
-                    let surface = new.add_surface(shader);
-                    materials.iter().for_each(|&number| new.materials[number].surface = surface);
-                    log::info!("{}: loaded anew", file.display());
+                    let mut new = changed.as_ref().unwrap_or(scene).clone();
+                    materials.iter().for_each(|&(number, own)| new.materials[number].surface = own);
+                    let numbers: Vec<usize> = materials.iter().map(|&(number, _)| number).collect();
+                    match new.give_surface(&numbers, shader) {
+                        Ok(()) => {
+                            changed = Some(new);
+                            log::info!("{}: loaded anew", file.display());
+                        }
+                        Err(error) => log::warn!("{error}\n{KEPT}"),
+                    }
                 }
-                Err(error) => log::warn!("{error:#}\nthe picture keeps the last good shader"),
+                Err(error) => log::warn!("{error:#}\n{KEPT}"),
             }
         }
         changed
@@ -138,18 +148,21 @@ pub fn apply(
         let modified = modified(&file);
         let shader = load(&file, &name, &values, settings, &mut used)
             .with_context(|| format!("the shader of material {name:?}"))?;
-        scene.materials[material].surface = scene.add_surface(shader);
-        all.push(Applied { file, material: name, materials: vec![material], values, modified });
+        let materials = vec![(material, scene.materials[material].surface)];
+        scene
+            .give_surface(&[material], shader)
+            .with_context(|| format!("the shader of material {name:?}: {}", file.display()))?;
+        all.push(Applied { file, material: name, materials, values, modified });
     }
     between(scene)?;
     for ShaderSurface { material, file, values } in surfaces {
         let modified = modified(file);
         let shader = load(file, material, values, settings, &mut used)?;
+        let named = scene.materials.iter().enumerate().filter(|(_, other)| other.name == *material);
+        let materials = named.map(|(number, of)| (number, of.surface)).collect();
         scene
             .replace_surface(material, shader)
             .with_context(|| format!("--surface {material}={}", file.display()))?;
-        let named = scene.materials.iter().enumerate().filter(|(_, other)| other.name == *material);
-        let materials = named.map(|(number, _)| number).collect();
         let (file, material, values) = (file.clone(), material.clone(), values.clone());
         all.push(Applied { file, material, materials, values, modified });
     }

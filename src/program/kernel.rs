@@ -5,7 +5,7 @@ use super::operation::CHUNK;
 use super::run::{Columns, run_alone, run_alone_in};
 use super::source::{Fault, ShaderError, Source, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
-use crate::scene::{FieldType, POINT_FIELDS, PointSink};
+use crate::scene::{BASE, BlockColumns, FINISH, FieldType, POINT_FIELDS, PointSink};
 use crate::stream::stop_job;
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -71,20 +71,33 @@ impl Kernel {
     /// The fields of points that the function reads, if its first argument is a point, and the registers of the scalars
     /// of all arguments.
     pub fn inputs(&self) -> PointInputs {
-        let kinds: Vec<(usize, bool)> = POINT_FIELDS
+        let kinds: Vec<(u64, bool)> = POINT_FIELDS
             .iter()
             .enumerate()
             .flat_map(|(field, row)| {
-                (0..row.kind.numbers()).map(move |_| (field, row.kind == FieldType::Bool))
+                (0..row.kind.numbers()).map(move |_| (1 << field, row.kind == FieldType::Bool))
             })
             .collect();
         let (mut wanted, mut registers) = (0, vec![None; kinds.len()]);
         for &(scalar, register) in &self.code.inputs {
             let Some(&(field, is_truth)) = kinds.get(scalar as usize) else { continue };
-            wanted |= 1 << field;
+            wanted |= field;
             registers[scalar as usize] = Some((register, is_truth));
         }
         PointInputs { wanted, registers }
+    }
+
+    /// [`Kernel::inputs`] of a pattern, whose inputs behind the point are the finish of its material.
+    pub fn inputs_over_material(&self) -> PointInputs {
+        let mut inputs = self.inputs();
+        inputs.registers.resize(BlockColumns::POINT + FINISH, None);
+        for &(scalar, register) in &self.code.inputs {
+            if scalar as usize >= BlockColumns::POINT {
+                inputs.wanted |= BASE;
+                inputs.registers[scalar as usize] = Some((register, false));
+            }
+        }
+        inputs
     }
 }
 
@@ -105,7 +118,7 @@ pub(super) fn stop(error: ShaderError) -> ! {
 /// Inputs of a function's argument of type `Point`.
 #[derive(Clone, Debug)]
 pub(super) struct PointInputs {
-    /// Bit `i` is set if field `i` of [`POINT_FIELDS`] is read.
+    /// Bit `i` is set if field `i` of [`POINT_FIELDS`] is read, and [`BASE`] if the finish of the material is.
     pub wanted: u64,
     /// The register of each scalar that is read, and whether it is a truth value.
     pub registers: Vec<Option<(u32, bool)>>,

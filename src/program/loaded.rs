@@ -5,7 +5,7 @@ use super::code::Code;
 use super::kernel::{Kernel, Signature};
 #[cfg(feature = "gpu")]
 use super::lower::lower_fork;
-use super::lower::{Input, Output, lower, lower_chain};
+use super::lower::{Base, Input, Lowered, lower, lower_chain};
 use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
@@ -73,14 +73,15 @@ impl Loaded {
         self
     }
 
-    /// Lowers a function.
+    /// Lowers a function, in which `base` has a meaning.
     ///
     /// # Errors
     /// When there is no such function, or it uses what shaders lack.
-    pub fn kernel(&self, signature: &Signature) -> Result<(Kernel, Vec<Output>), ShaderError> {
+    pub fn lower(&self, signature: &Signature, base: Base<'_>) -> Result<Lowered, ShaderError> {
         let function = signature.find(&self.source).map_err(|fault| self.error(&fault))?;
-        let (code, outputs) = lower(self.input(), function).map_err(|fault| self.error(&fault))?;
-        Ok((Kernel::new(code), outputs))
+        let span = self.source.module.functions.get_span(function);
+        let input = Input { base, ..self.input() };
+        lower(input, function).map_err(|fault| self.error(&fault.at(span)))
     }
 
     /// Lowers a function and one that is called with its result and more arguments.
@@ -108,7 +109,7 @@ impl Loaded {
     fn input(&self) -> Input<'_> {
         let Source { module, info, text } = &self.source;
         let (overrides, natives) = (&self.overrides, self.natives);
-        Input { module, info, overrides, natives, text, host: None }
+        Input { module, info, overrides, natives, text, host: None, base: Base::Refused }
     }
 
     /// True if the file has a function of this name.

@@ -1,6 +1,6 @@
 //! The prelude: what every shader file can use.
 
-use crate::scene::{FINISH_FIELDS, POINT_FIELDS};
+use crate::scene::{FINISH_FIELDS, FieldType, POINT_FIELDS, SurfaceField};
 use std::fmt::Write;
 
 /// The functions of the prelude.
@@ -27,19 +27,35 @@ pub fn prelude() -> String {
              struct Scattered {\n    wi: vec3f,\n    weight: vec3f,\n    pdf: f32,\n";
     text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\n";
     text += "fn matte(at: Point) -> Finish {\n    return Finish(";
-    let defaults: Vec<&str> = FINISH_FIELDS.iter().map(|field| default_value(field.default)).collect();
+    let defaults: Vec<String> = FINISH_FIELDS.iter().map(default_value).collect();
     text += &defaults.join(", ");
+    text += ");\n}\n\n\
+             // The finish of the material itself, with its textures, in a pattern; `at` is the pattern's argument.\n\
+             fn base(at: Point) -> Finish {\n    return matte(at);\n}\n\n\
+             // From a to b, field by field, as a weight grows from 0 to 1.\n\
+             fn mix_finish(a: Finish, b: Finish, weight: f32) -> Finish {\n    \
+             let share = clamp(weight, 0.0, 1.0);\n    return Finish(";
+    let mixed = |field: &SurfaceField| {
+        let (name, vector) = (field.name, if field.kind == FieldType::Vec3f { "3" } else { "" });
+        format!("mixed{vector}(a.{name}, b.{name}, share)")
+    };
+    text += &FINISH_FIELDS.iter().map(mixed).collect::<Vec<_>>().join(", ");
     text += ");\n}\n\n";
     text + FUNCTIONS + "\n" + BUILT_INS
 }
 
 /// A field's default in WGSL.
-fn default_value(default: &str) -> &'static str {
-    match default {
-        "0" => "0.0",
-        "1" => "1.0",
-        "black" => "vec3f(0.0)",
-        "white" => "vec3f(1.0)",
-        _ => "at.normal",
+fn default_value(field: &SurfaceField) -> String {
+    let number = match field.default {
+        "black" => 0.0,
+        "white" => 1.0,
+        number => match number.parse::<f32>() {
+            Ok(number) => number,
+            Err(_) => return "at.normal".into(),
+        },
+    };
+    match field.kind {
+        FieldType::Vec3f => format!("vec3f({number:?})"),
+        _ => format!("{number:?}"),
     }
 }

@@ -4,15 +4,15 @@
 use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature, write};
 use super::loaded::Loaded;
-use super::lower::Output;
+use super::lower::{Base, Lowered, Output};
 use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::run::{BLOCK, Columns};
 use super::source::{Fault, ShaderError, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
-    BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, Points,
-    Procedural,
+    BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, OwnSurface, POINT_FIELDS,
+    Points, Procedural, ProceduralSurface, Transmission, first_scalar, scalars_read,
 };
 use naga::Span;
 use std::fmt;
@@ -65,7 +65,11 @@ pub struct PatternShader {
     kernel: Kernel,
     inputs: PointInputs,
     effects: Effects,
+    /// The scalars of finishes that are read.
+    read: Vec<usize>,
     block: Option<usize>,
+    /// The file, if it asks for the finish of its material.
+    over: Option<Arc<Loaded>>,
 }
 
 impl fmt::Debug for PatternShader {
@@ -103,16 +107,28 @@ impl PatternShader {
     }
 
     pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
-        let (kernel, outputs) = loaded.kernel(&PATTERN)?;
-        let effects = effects(&loaded, &outputs).map_err(|fault| loaded.error(&fault))?;
+        Self::lowered(&Arc::new(loaded), None)
+    }
+
+    /// The pattern as it is on a material of a surface, if that is known.
+    fn lowered(loaded: &Arc<Loaded>, own: Option<&OwnSurface>) -> Result<Self, ShaderError> {
+        let words: Option<Vec<Option<u32>>> =
+            own.map(|own| own.constants().into_iter().map(|x| x.map(f32::to_bits)).collect());
+        let base = words.as_ref().map_or(Base::Unknown, |words| Base::Of(words));
+        let Lowered { code, outputs, asks_base, .. } = loaded.lower(&PATTERN, base)?;
+        let effects = effects(loaded, &outputs, own).map_err(|fault| loaded.error(&fault))?;
+        let kernel = Kernel::new(code);
+        let computes = kernel.code.instructions.len() >= MIN_IN_BLOCKS;
         Ok(Self {
             text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
-            inputs: kernel.inputs(),
-            parameters: loaded.parameters,
-            block: (kernel.code.instructions.len() >= MIN_IN_BLOCKS).then_some(BLOCK),
+            inputs: kernel.inputs_over_material(),
+            parameters: loaded.parameters.clone(),
+            block: computes.then_some(BLOCK),
             kernel,
             effects,
+            read: scalars_read(&effects),
+            over: asks_base.then(|| Arc::clone(loaded)),
         })
     }
 
@@ -124,6 +140,12 @@ impl PatternShader {
     /// The parameters, in the order of the file.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
+    }
+
+    /// True if it asks for the finish of its material.
+    #[cfg(feature = "gpu")]
+    pub(super) fn asks_base(&self) -> bool {
+        self.over.is_some()
     }
 
     /// The program, as devices compute it.
@@ -153,6 +175,16 @@ impl Procedural for PatternShader {
         self.effects
     }
 
+    fn starts_from_material(&self) -> bool {
+        self.over.is_some()
+    }
+
+    fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {
+        let Some(loaded) = &self.over else { return Ok(None) };
+        let over = Self::lowered(loaded, Some(own)).map_err(|error| error.to_string())?;
+        Ok(Some(ProceduralSurface::new(over)))
+    }
+
     fn in_blocks(&self) -> Option<&dyn BlockSurface> {
         self.block.is_some().then_some(self)
     }
@@ -162,7 +194,11 @@ impl Procedural for PatternShader {
         let columns = self.kernel.columns(CHUNK);
         points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns, L::LANES));
         self.kernel.run_vector(points.lanes(), &self.text, &columns);
-        let finish = Finish::read_from(points.lanes(), &Outputs { kernel: &self.kernel, columns: &columns });
+        let finish = Finish::read_from(
+            points.lanes(),
+            &Outputs { kernel: &self.kernel, columns: &columns },
+            &self.effects,
+        );
         self.kernel.keep(columns);
         finish
     }
@@ -197,8 +233,8 @@ impl PatternShader {
             write(column, &from.column(scalar)[piece.clone()], is_truth);
         }
         self.kernel.run(lanes, &self.text, &columns, points);
-        for (scalar, &register) in self.kernel.code.outputs.iter().enumerate() {
-            let from = columns.operand(register, points);
+        for &scalar in &self.read {
+            let from = columns.operand(self.kernel.code.outputs[scalar], points);
             for (chunk, to) in to.column_mut(scalar)[piece.clone()].chunks_mut(CHUNK).enumerate() {
                 let words = from.some(chunk * CHUNK, CHUNK);
                 for_pairs_mut(to, words, |number, word| *number = f32::from_bits(word.get()));
@@ -230,17 +266,11 @@ fn shown(constant: f32) -> String {
 }
 
 /// Effects that a pattern computes beside colours.
-fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
+fn effects(loaded: &Loaded, outputs: &[Output], own: Option<&OwnSurface>) -> Result<Effects, Fault> {
     let scalars = |name: &str| {
-        let mut first = 0;
-        for field in FINISH_FIELDS {
-            let end = first + field.kind.numbers();
-            if field.name == name {
-                return &outputs[first..end];
-            }
-            first = end;
-        }
-        &[]
+        let first = first_scalar(FINISH_FIELDS, name);
+        let field = FINISH_FIELDS.iter().find(|field| field.name == name);
+        &outputs[first..first + field.map_or(0, |field| field.kind.numbers())]
     };
     let is_always = |name: &str, number: f32| {
         scalars(name)
@@ -251,17 +281,17 @@ fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
     if !is_always("opacity", 1.0) {
         effects = effects.opacity();
     }
-    let mut normal = 0;
-    for field in POINT_FIELDS.iter().take_while(|field| field.name != "normal") {
-        normal += field.kind.numbers() as u32;
-    }
+    let normal = first_scalar(POINT_FIELDS, "normal") as u32;
     let given = |(i, output): (usize, &Output)| *output == Output::Input(normal + i as u32);
     if !scalars("normal").iter().enumerate().all(given) {
         effects = effects.normals();
     }
     if !is_always("transmission", 0.0) {
         effects = match loaded.constant("ior") {
-            None => effects.thin_transmission(),
+            None => {
+                let own = own.and_then(OwnSurface::transmission);
+                Effects { transmission: Some(own.unwrap_or(Transmission::ThinWall)), ..effects }
+            }
             Some((ior, _)) if ior >= 1.0 && ior.is_finite() => effects.body_transmission(ior),
             Some((ior, span)) => {
                 return Err(Fault::new(
@@ -272,6 +302,10 @@ fn effects(loaded: &Loaded, outputs: &[Output]) -> Result<Effects, Fault> {
             }
         };
     }
+    effects.has_anisotropy = !is_always("anisotropy", 0.0);
+    effects.has_sheen = !is_always("sheen", 0.0);
+    effects.has_film = !is_always("film", 0.0);
+    effects.has_diffuse_transmission = !is_always("diffuse_transmission", 0.0);
     if !is_always("emission", 0.0) {
         effects = match loaded.constant("max_emission") {
             Some((bound, _)) if bound > 0.0 && bound.is_finite() => effects.emission(bound),

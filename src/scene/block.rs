@@ -1,12 +1,13 @@
 //! Surfaces that are computed for blocks of many hits at once, before the hits are shaded.
 
-use super::{FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
+use super::{BASE, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
 use crate::lanes::{Lanes, MAX_LANES};
 use std::fmt::Debug;
 
 /// A procedural surface that costs less for a block of many hits than for 8 or 16.
 pub trait BlockSurface: Debug + Send + Sync {
-    /// The fields of points that it reads: bit `i` is field `i` of [`POINT_FIELDS`].
+    /// The fields of points that it reads: bit `i` is field `i` of [`POINT_FIELDS`], and the highest bit stands for the
+    /// finish of the material itself, whose scalars follow those of all fields.
     fn wanted(&self) -> u64;
 
     /// The most points of a block, a multiple of 16.
@@ -34,15 +35,15 @@ const fn scalars(fields: &[SurfaceField]) -> usize {
 }
 
 /// Scalars of finishes.
-const FINISH: usize = scalars(FINISH_FIELDS);
+pub(crate) const FINISH: usize = scalars(FINISH_FIELDS);
 
 impl BlockColumns {
     /// Scalars of points.
     pub const POINT: usize = scalars(POINT_FIELDS);
 
-    /// Makes room for points.
-    pub fn for_points(&mut self, block: usize) {
-        self.resize(Self::POINT, block);
+    /// Makes room for the fields of points that are wanted: see [`BlockSurface::wanted`].
+    pub fn for_points(&mut self, wanted: u64, block: usize) {
+        self.resize(Self::POINT + if wanted & BASE != 0 { FINISH } else { 0 }, block);
     }
 
     /// Makes room for finishes.
@@ -97,10 +98,10 @@ pub struct BlockFinishes<'a> {
 }
 
 impl BlockFinishes<'_> {
-    /// The finishes, one in each lane.
+    /// The finishes of a surface of these effects, one in each lane.
     #[inline(always)]
-    pub fn finish<L: Lanes>(&self, l: L) -> Finish<L> {
-        Finish::read_from(l, &Source { finishes: self, lanes: L::LANES })
+    pub fn finish<L: Lanes>(&self, l: L, effects: &Effects) -> Finish<L> {
+        Finish::read_from(l, &Source { finishes: self, lanes: L::LANES }, effects)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Surfaces of user code on materials by name.
 
-use super::{ProceduralSurface, ScatteringSurface, Scene, Surface};
+use super::{Material, OwnSurface, ProceduralSurface, ScatteringSurface, Scene, Surface};
 use serde::{Deserialize, Serialize};
 #[cfg(feature = "formats")]
 use serde_json::Value;
@@ -117,6 +117,32 @@ pub struct NoSuchMaterial {
     pub there: Vec<String>,
 }
 
+/// A surface of user code cannot be given to a material.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GiveSurfaceError {
+    /// No material has the name.
+    #[error(transparent)]
+    NoSuchMaterial(#[from] NoSuchMaterial),
+    /// The surface starts from the finish of a material that has none.
+    #[error(
+        "the surface starts from the finish of its material, and {material:?} has none: it is a mix, or its surface is \
+         code itself"
+    )]
+    NoFinish {
+        /// The material's name.
+        material: String,
+    },
+    /// The surface cannot be on this material.
+    #[error("on material {material:?}: {reason}")]
+    Refused {
+        /// The material's name.
+        material: String,
+        /// The reason.
+        reason: String,
+    },
+}
+
 /// Number of names that a message lists.
 const LISTED: usize = 12;
 
@@ -145,11 +171,61 @@ impl Scene {
         }
     }
 
-    /// Replaces the surface of every material of this name and returns their number. Emission, alpha, interior medium
-    /// and normal map are kept.
+    /// Gives materials, by number, a surface of user code in place of their own. Emission, alpha, interior medium and
+    /// normal map are kept.
     ///
     /// # Errors
-    /// If no material has this name.
+    /// If the surface starts from the material's own, and a material has none or one that the surface refuses.
+    ///
+    /// # Panics
+    /// If there is no material of a number.
+    pub fn give_surface(
+        &mut self,
+        materials: &[usize],
+        surface: impl Into<CodedSurface>,
+    ) -> Result<(), GiveSurfaceError> {
+        let starting = match surface.into() {
+            CodedSurface::Procedural(surface) if surface.starts_from_material() => surface,
+            surface => {
+                let surface = self.add_surface(surface);
+                materials.iter().for_each(|&number| self.materials[number].surface = surface);
+                return Ok(());
+            }
+        };
+        // Materials of the same surface share one.
+        let mut made: Vec<(OwnSurface, Surface)> = Vec::new();
+        for &number in materials {
+            let material = &self.materials[number];
+            let name = || material.name.clone();
+            let own =
+                self.own_surface(material).ok_or_else(|| GiveSurfaceError::NoFinish { material: name() })?;
+            let surface = match made.iter().find(|(other, _)| *other == own) {
+                Some((_, surface)) => *surface,
+                None => {
+                    let refused = |reason| GiveSurfaceError::Refused { material: name(), reason };
+                    let surface = starting.over(own.clone()).map_err(refused)?;
+                    let surface = self.add_surface(surface);
+                    made.push((own, surface));
+                    surface
+                }
+            };
+            self.materials[number].surface = surface;
+        }
+        Ok(())
+    }
+
+    /// The surface that a material has itself, below one of user code that starts from it.
+    fn own_surface(&self, material: &Material) -> Option<OwnSurface> {
+        match material.surface {
+            Surface::Procedural(index) => self.procedurals.get(index as usize)?.own().cloned(),
+            _ => OwnSurface::of(material),
+        }
+    }
+
+    /// [`Scene::give_surface`] to every material of a name. Returns their number.
+    ///
+    /// # Errors
+    /// If no material has this name; those of [`Scene::give_surface`].
     ///
     /// ```
     /// # use raystream::lanes::Lanes;
@@ -168,19 +244,20 @@ impl Scene {
     /// scene.replace_surface("door", ProceduralSurface::new(Wood))?;
     /// let error = scene.replace_surface("dor", ProceduralSurface::new(Wood)).unwrap_err();
     /// assert_eq!(error.to_string(), r#"no material is named "dor"; the scene has "door""#);
-    /// # Ok::<(), raystream::scene::NoSuchMaterial>(())
+    /// # Ok::<(), raystream::scene::GiveSurfaceError>(())
     /// ```
     pub fn replace_surface(
         &mut self,
         material: &str,
         surface: impl Into<CodedSurface>,
-    ) -> Result<usize, NoSuchMaterial> {
-        if self.materials.iter().all(|other| other.name != material) {
-            return Err(self.no_such_material(material));
+    ) -> Result<usize, GiveSurfaceError> {
+        let named = self.materials.iter().enumerate().filter(|(_, other)| other.name == material);
+        let named: Vec<usize> = named.map(|(number, _)| number).collect();
+        if named.is_empty() {
+            return Err(self.no_such_material(material).into());
         }
-        let surface = self.add_surface(surface);
-        let replaced = self.materials.iter_mut().filter(|other| other.name == material);
-        Ok(replaced.map(|material| material.surface = surface).count())
+        self.give_surface(&named, surface)?;
+        Ok(named.len())
     }
 
     /// The error that names a material and those that the scene has.

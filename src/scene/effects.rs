@@ -21,6 +21,14 @@ pub struct Effects {
     pub has_normals: bool,
     /// Transmission of light. `None` if there is none.
     pub transmission: Option<Transmission>,
+    /// True if the roughness may differ by direction. Otherwise it is the same along all directions.
+    pub has_anisotropy: bool,
+    /// True if there may be sheen.
+    pub has_sheen: bool,
+    /// True if there may be a thin film.
+    pub has_film: bool,
+    /// True if light may be transmitted diffusely.
+    pub has_diffuse_transmission: bool,
 }
 
 /// Way in which a surface transmits light.
@@ -77,6 +85,26 @@ impl Effects {
         Self { transmission: Some(Transmission::Body { ior }), ..self }
     }
 
+    /// The surface computes anisotropy.
+    pub fn anisotropy(self) -> Self {
+        Self { has_anisotropy: true, ..self }
+    }
+
+    /// The surface computes sheen.
+    pub fn sheen(self) -> Self {
+        Self { has_sheen: true, ..self }
+    }
+
+    /// The surface computes a thin film.
+    pub fn film(self) -> Self {
+        Self { has_film: true, ..self }
+    }
+
+    /// The surface computes diffuse transmission.
+    pub fn diffuse_transmission(self) -> Self {
+        Self { has_diffuse_transmission: true, ..self }
+    }
+
     /// True if the surface emits light.
     #[inline]
     pub fn emits(&self) -> bool {
@@ -86,6 +114,6 @@ impl Effects {
     /// True if the finish must be known before the surface scatters light.
     #[inline]
     pub(crate) fn act_before_scattering(&self) -> bool {
-        self.emits() || self.has_opacity || self.has_normals
+        self.emits() || self.has_opacity || self.has_normals || self.has_anisotropy
     }
 }

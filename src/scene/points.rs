@@ -2,15 +2,18 @@
 
 use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
-use super::{FieldType, Footprint, Scene, SurfaceField, TexturePoint, TextureRef};
+use super::{FieldType, Finish, Footprint, OwnSurface, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
-use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector};
 
 /// Sink of the scalars of points, one column each. Truth values are 1 and 0.
 pub(crate) trait PointSink {
     /// Takes the column of a scalar. Scalars are counted over all fields.
     fn put(&mut self, scalar: usize, column: &[f32; MAX_LANES]);
 }
+
+/// The bit of wanted fields that stands for the finish of [`Points::base`].
+pub(crate) const BASE: u64 = 1 << 63;
 
 /// Defines [`Points`] from the table of its fields.
 macro_rules! points {
@@ -29,7 +32,11 @@ macro_rules! points {
         #[derive(Clone, Copy, Debug)]
         pub struct Points<'s, L: Lanes> {
             $(#[doc = concat!($doc, " Unit: ", $unit, ". Range: ", $range, ".")] pub $name: $type,)*
+            /// Roughness of the bumps that the normal map averages: [`Footprint::bumps`].
+            pub(crate) bumps: Num<L>,
             pub(crate) scene: &'s Scene,
+            /// The surface that the material has itself, if this one starts from it.
+            pub(crate) own: Option<&'s OwnSurface>,
         }
 
         /// The fields of [`Points`].
@@ -48,20 +55,27 @@ macro_rules! points {
         #[derive(Clone, Copy)]
         pub(super) struct PointColumns {
             $($name: LaneColumns<{ FieldType::$kind.numbers() }>,)*
+            bumps: LaneColumns<1>,
         }
 
         impl<'s, L: Lanes> Points<'s, L> {
             #[inline(always)]
             pub(super) fn columns(&self) -> PointColumns {
-                PointColumns { $($name: self.$name.columns(),)* }
+                PointColumns { $($name: self.$name.columns(),)* bumps: self.bumps.columns() }
             }
 
             #[inline(always)]
-            pub(super) fn of_columns(l: L, scene: &'s Scene, columns: &PointColumns) -> Self {
-                Self { $($name: LaneValue::of_columns(l, &columns.$name),)* scene }
+            pub(super) fn of_columns(
+                l: L,
+                (scene, own): (&'s Scene, Option<&'s OwnSurface>),
+                columns: &PointColumns,
+            ) -> Self {
+                let bumps = LaneValue::of_columns(l, &columns.bumps);
+                Self { $($name: LaneValue::of_columns(l, &columns.$name),)* bumps, scene, own }
             }
 
-            /// Passes the scalars of the fields in `wanted` to a sink: bit `i` is field `i` of [`POINT_FIELDS`].
+            /// Passes the scalars of the fields in `wanted` to a sink: bit `i` is field `i` of [`POINT_FIELDS`], and
+            /// [`BASE`] asks for those of [`Points::base`], which follow.
             #[inline(always)]
             pub(crate) fn write_to(&self, wanted: u64, sink: &mut impl PointSink) {
                 let (mut field, mut scalar) = (0, 0);
@@ -82,6 +96,9 @@ macro_rules! points {
                     scalar += FieldType::$lazy_kind.numbers();
                 )*
                 debug_assert_eq!((field, scalar > 0), (POINT_FIELDS.len(), true));
+                if wanted & BASE != 0 {
+                    self.base().write_to(scalar, sink);
+                }
             }
 
             $(
@@ -164,6 +181,49 @@ impl<L: Lanes> Points<'_, L> {
             .look_up(self.scene, texture)
     }
 
+    /// The finish of the material itself, with its textures. Materials keep their emission, alpha and normal map beside
+    /// a surface of user code, so here the finish is opaque, emits nothing and has the shading normal. Without a
+    /// material's own surface it is [`Finish::matte`]: see [`super::Procedural::starts_from_material`].
+    ///
+    /// ```
+    /// use raystream::lanes::Lanes;
+    /// use raystream::scene::{Finish, Points, Procedural};
+    ///
+    /// /// The material, wet.
+    /// #[derive(Debug)]
+    /// struct Wet;
+    ///
+    /// impl Procedural for Wet {
+    ///     fn starts_from_material(&self) -> bool {
+    ///         true
+    ///     }
+    ///
+    ///     #[inline(always)]
+    ///     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+    ///         let dry = points.base();
+    ///         Finish { colour: dry.colour * 0.6, roughness: dry.roughness * 0.3, ..dry }
+    ///     }
+    /// }
+    /// ```
+    #[inline(always)]
+    pub fn base(&self) -> Finish<L> {
+        match self.own {
+            None => Finish::matte(self),
+            Some(own) => self.lanes().outlined(BaseTask { own, points: self }),
+        }
+    }
+
+    /// The points at which the textures of the material itself are looked up.
+    #[inline(always)]
+    pub(super) fn own_texture_point(&self) -> TexturePoint<L> {
+        let mut footprint = Footprint::point(self.lanes());
+        if !self.scene.textures.is_empty() {
+            footprint = self.texture_footprint();
+        }
+        footprint.bumps = self.bumps;
+        TexturePoint { footprint, ..self.texture_point() }
+    }
+
     /// The points without their footprint.
     #[inline(always)]
     fn texture_point(&self) -> TexturePoint<L> {
@@ -242,5 +302,20 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn object_here(&self) -> Int<L> {
         self.scene.objects.at(self.primitive)
+    }
+}
+
+/// [`Points::base`], compiled out of line: it looks up all textures of a material.
+struct BaseTask<'a, 's, L: Lanes> {
+    own: &'s OwnSurface,
+    points: &'a Points<'s, L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for BaseTask<'_, '_, L> {
+    type Output = Finish<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Finish<L> {
+        self.own.finish(self.points)
     }
 }

@@ -3,7 +3,7 @@
 use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
-use super::{BlockSurface, Effects, Finish, Points, Scene};
+use super::{BlockSurface, Effects, Finish, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -59,6 +59,19 @@ pub trait Procedural: Debug + Send + Sync + 'static {
         Effects::default()
     }
 
+    /// True if the surface starts from that of the material itself: see [`Points::base`].
+    fn starts_from_material(&self) -> bool {
+        false
+    }
+
+    /// The surface as it is on a material of this surface, if that may cost less or have other effects.
+    ///
+    /// # Errors
+    /// When it cannot be on such a material.
+    fn over(&self, _own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {
+        Ok(None)
+    }
+
     /// The surface as one that is computed for blocks of many hits, if that costs less. Its finishes must have the same
     /// bits.
     fn in_blocks(&self) -> Option<&dyn BlockSurface> {
@@ -71,19 +84,46 @@ pub trait Procedural: Debug + Send + Sync + 'static {
 pub struct ProceduralSurface {
     surface: Arc<dyn ErasedLanes>,
     effects: Effects,
+    /// The material's own surface, if this one starts from it.
+    own: Option<Arc<OwnSurface>>,
 }
 
 impl Debug for ProceduralSurface {
     // The fingerprint of a scene contains this text.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("ProceduralSurface").field(&self.surface).finish()
+        let mut text = f.debug_tuple("ProceduralSurface");
+        text.field(&self.surface);
+        self.own.iter().for_each(|own| {
+            text.field(own);
+        });
+        text.finish()
     }
 }
 
 impl ProceduralSurface {
     /// Erases the surface's type.
     pub fn new(surface: impl Procedural) -> Self {
-        Self { effects: surface.effects(), surface: Arc::new(surface) }
+        Self { effects: surface.effects(), surface: Arc::new(surface), own: None }
+    }
+
+    /// Calls [`Procedural::starts_from_material`].
+    pub fn starts_from_material(&self) -> bool {
+        self.surface.starts_from_material()
+    }
+
+    /// The surface on a material of this surface.
+    ///
+    /// # Errors
+    /// When it cannot be on such a material.
+    pub fn over(&self, own: OwnSurface) -> Result<Self, String> {
+        let over = self.surface.over(&own)?.unwrap_or_else(|| self.clone());
+        Ok(Self { own: Some(Arc::new(own)), ..over })
+    }
+
+    /// The surface that the material has itself, if this one starts from it.
+    #[inline]
+    pub fn own(&self) -> Option<&OwnSurface> {
+        self.own.as_deref()
     }
 
     /// Effects that [`Procedural::effects`] returned.
@@ -103,20 +143,33 @@ impl ProceduralSurface {
     /// If the surface computes what its [`Effects`] do not declare.
     #[inline(always)]
     pub fn finish<L: Lanes>(&self, points: &Points<'_, L>) -> Finish<L> {
-        let finish = self.surface.finish(L::LANES, points.scene, &points.columns());
+        let finish = self.surface.finish(L::LANES, (points.scene, self.own()), &points.columns());
         Finish::of_columns(points.lanes(), &finish)
     }
 }
 
+/// The scene, and the material's own surface if the procedural one starts from it.
+type Surroundings<'a> = (&'a Scene, Option<&'a OwnSurface>);
+
 /// [`Procedural`] over arrays instead of lanes.
 trait ErasedLanes: Debug + Send + Sync {
-    fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns;
+    fn finish(&self, lanes: usize, scene: Surroundings<'_>, points: &PointColumns) -> FinishColumns;
+    fn starts_from_material(&self) -> bool;
+    fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String>;
     fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
 
 impl<P: Procedural> ErasedLanes for P {
-    fn finish(&self, lanes: usize, scene: &Scene, points: &PointColumns) -> FinishColumns {
+    fn finish(&self, lanes: usize, scene: Surroundings<'_>, points: &PointColumns) -> FinishColumns {
         run_in(lanes, Computation { surface: self, scene, points })
+    }
+
+    fn starts_from_material(&self) -> bool {
+        Procedural::starts_from_material(self)
+    }
+
+    fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {
+        Procedural::over(self, own)
     }
 
     fn in_blocks(&self) -> Option<&dyn BlockSurface> {
@@ -126,7 +179,7 @@ impl<P: Procedural> ErasedLanes for P {
 
 struct Computation<'a, P> {
     surface: &'a P,
-    scene: &'a Scene,
+    scene: Surroundings<'a>,
     points: &'a PointColumns,
 }
 

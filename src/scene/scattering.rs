@@ -157,7 +157,7 @@ struct PointsOf<'a> {
 impl<'a> PointsOf<'a> {
     #[inline(always)]
     fn points<L: Lanes>(&self, l: L) -> Points<'a, L> {
-        Points::of_columns(l, self.scene, self.columns)
+        Points::of_columns(l, (self.scene, None), self.columns)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::{Hits, Interaction};
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector};
-use crate::scene::{BlockColumns, BlockFinishes, BlockSurface, Material, Scene, Surface};
+use crate::scene::{BlockColumns, BlockFinishes, BlockSurface, Material, OwnSurface, Points, Scene, Surface};
 use std::cell::Cell;
 
 /// The source of a batch's hits for blocks.
@@ -18,6 +18,7 @@ pub struct FinishBlocks<'s> {
     scene: &'s Scene,
     material: &'s Material,
     surface: &'s dyn BlockSurface,
+    own: Option<&'s OwnSurface>,
     columns: Box<Columns>,
     /// Points of the present block, counted from the start of the run.
     begin: usize,
@@ -39,11 +40,12 @@ impl<'s> FinishBlocks<'s> {
     /// The blocks of a run on a material; `None` if its surface is not computed in blocks.
     pub fn of(scene: &'s Scene, material: &'s Material) -> Option<Self> {
         let Surface::Procedural(index) = material.surface else { return None };
-        let surface = scene.procedurals[index as usize].in_blocks()?;
+        let procedural = &scene.procedurals[index as usize];
+        let surface = procedural.in_blocks()?;
         let mut columns = SPARE.take().unwrap_or_default();
-        columns.points.for_points(surface.block());
+        columns.points.for_points(surface.wanted(), surface.block());
         columns.finishes.for_finishes(surface.block());
-        Some(Self { scene, material, surface, columns, begin: 0, end: 0 })
+        Some(Self { scene, material, surface, own: procedural.own(), columns, begin: 0, end: 0 })
     }
 
     /// The finishes for the rays of a run from index `at` on, one in each lane, if the run has blocks. `at` grows from
@@ -84,13 +86,14 @@ impl<L: Lanes, S: HitSource> OutlinedTask<L> for Filling<'_, '_, S> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) {
-        let Self { blocks: FinishBlocks { scene, material, surface, columns, .. }, rays, source } = self;
+        let Self { blocks: FinishBlocks { scene, material, surface, own, columns, .. }, rays, source } = self;
         let Columns { points, finishes } = &mut **columns;
         for (i, some) in rays.chunks(L::LANES).enumerate() {
             let (ids, _) = Int::some(l, some, some[0]);
             let (direction, hits, width) = source.hits(ids);
             let at = Interaction::without_finish(scene, material, direction, &hits, width);
-            at.points(scene).write_to(surface.wanted(), &mut points.sink(i * L::LANES, L::LANES));
+            let at = Points { own: *own, ..at.points(scene) };
+            at.write_to(surface.wanted(), &mut points.sink(i * L::LANES, L::LANES));
         }
         surface.compute(L::LANES, rays.len(), points, finishes);
     }

@@ -6,8 +6,8 @@ use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, Points, ProceduralSurface, Scene,
-    Surface, TexturePoint, TextureRef, TriangleMesh,
+    Anisotropy, BlockFinishes, Effects, Finish, Footprint, Material, NormalMap, OwnSurface, Points,
+    ProceduralSurface, Scalar, Scene, Surface, TexturePoint, TextureRef, TriangleMesh,
 };
 use crate::stream::Hit;
 
@@ -81,18 +81,39 @@ impl<L: Lanes> Interaction<L> {
         let surface = &scene.procedurals[index as usize];
         let l = self.wo.lanes();
         let finish = match finishes {
-            Some(finishes) => finishes.finish(l),
+            Some(finishes) => finishes.finish(l, surface.effects()),
             None if surface.effects().act_before_scattering() => {
                 l.outlined(FinishTask { surface, points: self.points(scene) })
             }
             None => return,
         };
-        if surface.effects().has_normals {
-            let (normal, there) = finish.normal.normalize_or(self.basis.normal);
-            let bent = bend_where(normal, there, self.normal, self.wo, false);
-            self.basis = Basis::around(Vector::select(there, bent, self.basis.normal));
+        let effects = surface.effects();
+        if effects.has_normals || effects.has_anisotropy {
+            self.turn(&finish, effects);
         }
         self.finish = Some(finish);
+    }
+
+    /// Bends the normals, and turns the x axis to the rougher direction, as a finish says.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn turn(&mut self, finish: &Finish<L>, effects: &Effects) {
+        let old = self.basis;
+        if effects.has_normals {
+            let (normal, there) = finish.normal.normalize_or(old.normal);
+            let bent = bend_where(normal, there, self.normal, self.wo, false);
+            self.basis = Basis::around(Vector::select(there, bent, old.normal));
+        }
+        if effects.has_anisotropy {
+            let normal = self.basis.normal;
+            let (x, given) = finish.rough_direction.normalize_or(old.tangent);
+            let (tangent, along) = (x - normal * x.dot(normal)).normalize_or(self.basis.tangent);
+            let rough = Basis { tangent, bitangent: normal.cross(tangent), normal };
+            let turned = if effects.has_normals { along } else { along & given };
+            self.basis = Basis::select(turned, rough, self.basis);
+        }
+        if let Some(coat) = &mut self.coat {
+            coat.normal = self.basis.local(old.world(coat.normal));
+        }
     }
 
     /// [`Interaction::new`] before [`Interaction::set_finish`].
@@ -114,7 +135,7 @@ impl<L: Lanes> Interaction<L> {
                 Footprint::of_cone(width, cosine, at.plane.twice_area, &at.corner_uvs, barycentric);
             texture.cosine = cosine;
         }
-        let maps = Maps::of(material);
+        let maps = Maps::of(scene, material);
         let basis;
         let mut coat = None;
         if maps.are_none() {
@@ -157,7 +178,9 @@ impl<L: Lanes> Interaction<L> {
             area: self.texture.area,
             primitive: self.texture.primitive,
             front: self.front,
+            bumps: self.texture.footprint.bumps,
             scene,
+            own: None,
         }
     }
 
@@ -233,6 +256,10 @@ impl<L: Lanes> OutlinedTask<L> for FinishTask<'_, L> {
     }
 }
 
+/// Anisotropy along the tangent, of surfaces of user code that compute its strength.
+const ALONG_TANGENT: Anisotropy =
+    Anisotropy { strength: Scalar { factor: 0.0, texture: None }, rotation: 0.0, direction: None };
+
 /// The maps that change a material's shading bases.
 struct Maps<'a> {
     /// True if the material has a normal map.
@@ -287,15 +314,25 @@ impl<'a> Maps<'a> {
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn of(material: &'a Material) -> Self {
+    fn of(scene: &'a Scene, material: &'a Material) -> Self {
         let set = |map: &NormalMap| map.texture.set;
         let (normal, mut sets) = (material.normal_map.is_some(), material.normal_map.as_ref().map(set));
-        let Surface::Principled(surface) = &material.surface else {
-            return Self { normal, anisotropy: None, coat: None, set: sets.unwrap_or(0) };
+        let (surface, mut rough) = (&material.surface, None);
+        let surface = match surface {
+            Surface::Principled(surface) => Some(surface),
+            Surface::Procedural(index) => {
+                let coded = &scene.procedurals[*index as usize];
+                rough = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
+                coded.own().map(OwnSurface::surface)
+            }
+            _ => None,
+        };
+        let Some(surface) = surface else {
+            return Self { normal, anisotropy: rough, coat: None, set: sets.unwrap_or(0) };
         };
         let own_coat = surface.has_coats() && surface.coat_normal_map != material.normal_map;
         let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
-        let anisotropy = surface.anisotropy.as_ref();
+        let anisotropy = surface.anisotropy.as_ref().or(rough);
         if sets.is_none() {
             let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
             sets = coat.flatten().map(set).or_else(|| anisotropy.and_then(direction));

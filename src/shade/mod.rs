@@ -12,7 +12,6 @@ pub mod finish_blocks;
 mod geometry;
 mod interaction;
 pub mod light;
-pub mod lookup;
 pub mod loop_stack;
 pub mod medium;
 mod mix;
@@ -24,6 +23,7 @@ mod sort;
 #[cfg(test)]
 mod tests;
 
+pub use crate::scene::lookup;
 pub use arena::ArenaUse;
 pub use base_colour::base_colour;
 pub use bsdf::Bsdf;

@@ -34,6 +34,7 @@ pub fn run(command: &ShadersCommand) -> Result<()> {
 /// Tells what an integrator consists of.
 fn check_integrator(shown: &str, text: &str) -> Result<Vec<Parameter>> {
     let shader = IntegratorShader::check(shown, text)?;
+    shader.warnings().iter().for_each(|warning| log::warn!("{warning}"));
     let (hit, miss) = (shader.hit().operations(), shader.miss().operations());
     let payload = 4 * shader.start().len();
     stdout_line!(

@@ -381,14 +381,14 @@ impl Registry {
                 warnings.push(format!("the surface {name:?} is not used: {}", scene.no_such_material(name)));
             }
             if !named.is_empty() {
-                let surface = scene.add_surface(construct(&BTreeMap::new(), "a material of this name")?);
-                named.into_iter().for_each(|material| scene.materials[material].surface = surface);
+                let surface = construct(&BTreeMap::new(), "a material of this name")?;
+                scene.give_surface(&named, surface).with_context(|| format!("surface {name:?}"))?;
             }
             for request in requested {
                 let material = request.material as usize;
                 let whose = format!("material {:?}", scene.materials[material].name);
                 let surface = construct(&request.options, &whose)?;
-                scene.materials[material].surface = scene.add_surface(surface);
+                scene.give_surface(&[material], surface).with_context(|| format!("surface {name:?}"))?;
             }
         }
         for request in &requests {
@@ -440,7 +440,9 @@ impl Registry {
         let shown = file.display().to_string();
         let name = file.file_name().map_or(shown.clone(), |name| name.to_string_lossy().into_owned());
         // What does not depend on values of parameters is told before the scene is loaded.
-        let parameters = IntegratorShader::check(&shown, &text)?.parameters().to_vec();
+        let checked = IntegratorShader::check(&shown, &text)?;
+        checked.warnings().iter().for_each(|warning| log::warn!("{warning}"));
+        let parameters = checked.parameters().to_vec();
         self.shader = Some(format!("a shader of hash {:016x}", IntegratorShader::source_hash(&text)));
         let mut with = self.with(&name, "A shader in WGSL", move |params| {
             let set = params.options.iter().filter(|(_, value)| !value.is_empty());

@@ -9,7 +9,7 @@ use super::program::Given;
 use super::program::Program;
 use crate::device::{OPERATIONS, WORKGROUP};
 use crate::program::code::{Code, Instruction, Register};
-use crate::program::lower::{Input, lower};
+use crate::program::lower::{Base, Input, lower};
 use crate::program::native::Native;
 use crate::program::operation::Operation;
 use crate::program::prelude::prelude;
@@ -128,9 +128,10 @@ fn natives(code: &Code) -> Vec<(Native, Code)> {
         let named = functions.find(|(_, function)| function.name.as_deref() == Some(native.name()));
         let (handle, _) = named.expect("the prelude has its functions");
         let Source { module, info, text } = &source;
-        let input = Input { module, info, overrides: &overrides, natives: false, text, host: None };
-        let (code, _) = lower(input, handle).expect("the prelude can be lowered");
-        (native, code)
+        let base = Base::Refused;
+        let input = Input { module, info, overrides: &overrides, natives: false, text, host: None, base };
+        let lowered = lower(input, handle).expect("the prelude can be lowered");
+        (native, lowered.code)
     };
     wanted.into_iter().map(lowered).collect()
 }

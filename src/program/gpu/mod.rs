@@ -35,6 +35,9 @@ pub enum GpuProgramError {
     /// The kernel cannot be made, or the driver refuses it.
     #[error("no kernel: {0}")]
     Kernel(String),
+    /// The shader asks for the finish of its material, whose textures devices do not have.
+    #[error("devices do not compute `base`, the finish of a material with its textures")]
+    Base,
     /// An operation has other bits.
     #[error(
         "the device computes \"{operation}\" of {:#x}, {:#x}, {:#x} as {word:#x}, the host as {expected:#x}",
@@ -104,6 +107,9 @@ impl GpuProgram {
     /// # Errors
     /// When the device cannot compute the pattern, or not with the host's bits.
     pub fn of_pattern(gpu: &Arc<Gpu>, shader: &PatternShader) -> Result<Self, GpuProgramError> {
+        if shader.asks_base() {
+            return Err(GpuProgramError::Base);
+        }
         Self::of(gpu, shader.program())
     }
 

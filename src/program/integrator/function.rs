@@ -13,6 +13,8 @@ macro_rules! host_functions {
             $(#[doc = $doc] $name,)*
             /// `trace`: emits a ray and waits for its answer. The number is that of the loop shader that goes on.
             Trace(u32),
+            /// `visible`: emits a ray and waits to learn whether it hits nothing. The number is as for `trace`.
+            Visible(u32),
         }
 
         impl HostFunction {
@@ -21,6 +23,7 @@ macro_rules! host_functions {
                 match self {
                     $(Self::$name => $text,)*
                     Self::Trace(_) => "trace",
+                    Self::Visible(_) => "visible",
                 }
             }
 
@@ -29,6 +32,7 @@ macro_rules! host_functions {
                 match name {
                     $($text => Some(Self::$name),)*
                     "trace" => Some(Self::Trace(0)),
+                    "visible" => Some(Self::Visible(0)),
                     _ => None,
                 }
             }
@@ -58,12 +62,25 @@ host_functions! {
 impl HostFunction {
     /// True if it does something beside returning a value.
     pub fn is_effect(self) -> bool {
-        matches!(self, Self::Splat | Self::Shadow | Self::Spawn | Self::Push | Self::Trace(_))
+        matches!(self, Self::Splat | Self::Shadow | Self::Spawn | Self::Push) || self.wait().is_some()
     }
 
-    /// True if it is `trace`.
-    pub(in crate::program) fn is_trace(self) -> bool {
-        matches!(self, Self::Trace(_))
+    /// The number of a call that waits for a ray: of `trace` or `visible`.
+    #[inline]
+    pub(in crate::program) fn wait(self) -> Option<u32> {
+        match self {
+            Self::Trace(number) | Self::Visible(number) => Some(number),
+            _ => None,
+        }
+    }
+
+    /// The function as the call of a number that waits.
+    pub(in crate::program) fn numbered(self, number: u32) -> Self {
+        match self {
+            Self::Trace(_) => Self::Trace(number),
+            Self::Visible(_) => Self::Visible(number),
+            other => other,
+        }
     }
 
     /// True if it needs the surface that a ray has hit.

@@ -11,6 +11,7 @@ mod signature;
 mod split;
 #[cfg(test)]
 mod tests;
+mod unweighted;
 
 pub use function::{Host, HostCall, HostFunction};
 pub use hit_fields::{HIT_FIELDS, HitFact, HitField};
@@ -18,7 +19,7 @@ pub use piece::{Piece, PieceColumns};
 
 use super::kernel::stop;
 use super::loaded::Loaded;
-use super::lower::{Counts, HostInput, Input, Lowered, Output, lowered};
+use super::lower::{Base, Counts, HostInput, Input, Lowered, Output, lowered};
 use super::parameter::Parameter;
 use super::prelude::prelude;
 pub use super::run::Columns;
@@ -83,6 +84,7 @@ pub struct IntegratorShader {
     /// True if rays wait on the loop stack.
     keeps_rays: bool,
     mirror_below: Option<f32>,
+    warnings: Vec<ShaderError>,
 }
 
 impl fmt::Debug for IntegratorShader {
@@ -166,6 +168,11 @@ impl IntegratorShader {
         &self.parameters
     }
 
+    /// What is valid and probably not meant.
+    pub fn warnings(&self) -> &[ShaderError] {
+        &self.warnings
+    }
+
     /// The words of the payload of camera rays, at most [`MOST_PAYLOAD_BYTES`].
     pub fn start(&self) -> &[u32] {
         &self.start
@@ -236,7 +243,14 @@ impl IntegratorShader {
 
     /// The most entries and waiting rays that a ray leaves on the loop stack.
     pub fn entries(&self) -> usize {
-        (self.counts.entries + self.counts.rays) as usize
+        // A point asks one question at a time.
+        (self.counts.entries + self.counts.rays + self.counts.questions.min(1)) as usize
+    }
+
+    /// True if it asks whether rays hit nothing.
+    #[inline]
+    pub fn asks_questions(&self) -> bool {
+        self.counts.questions > 0
     }
 
     /// The most splats of a sample, shadow rays included.
@@ -300,6 +314,10 @@ impl Loader<'_> {
         };
         let (lowered, span) = self.lowered(found.hit, &kept, payload, true, found.resume.is_some())?;
         let mut counts = lowered.counts;
+        let warnings = match found.returns {
+            true => self.warnings(&lowered, payload),
+            false => Vec::new(),
+        };
         let (whole, rests) = self.parts(lowered, span)?;
         let hit = self.piece(whole, rests, span)?;
         let (lowered, span) = self.lowered(found.miss, &kept, payload, false, found.resume.is_some())?;
@@ -313,6 +331,7 @@ impl Loader<'_> {
         let additions = followed(hits.additions().max(misses.additions()), resumes.additions());
         counts.rays = followed(counts.rays, resumes.rays);
         counts.shadows = followed(counts.shadows, resumes.shadows);
+        counts.questions = counts.questions.max(resumes.questions);
         let mirror_below = self.mirror_below()?;
         Ok(IntegratorShader {
             text: Arc::clone(&self.loaded.source.text),
@@ -329,6 +348,7 @@ impl Loader<'_> {
             returns: found.returns,
             keeps_rays,
             mirror_below,
+            warnings,
         })
     }
 
@@ -368,7 +388,8 @@ impl Loader<'_> {
 
     fn input<'a>(&'a self, host: Option<HostInput<'a>>) -> Input<'a> {
         let Source { module, info, text } = &self.loaded.source;
-        Input { module, info, overrides: &self.loaded.overrides, natives: true, text, host }
+        let overrides = &self.loaded.overrides;
+        Input { module, info, overrides, natives: true, text, host, base: Base::Refused }
     }
 
     fn lowered(
@@ -409,7 +430,7 @@ impl Loader<'_> {
         if traces(&lowered.code) > MOST_TRACES {
             return Err(Fault::new(
                 span,
-                format!("loops unrolled, `trace` is called more than {MOST_TRACES} times"),
+                format!("loops unrolled, `trace` and `visible` are called more than {MOST_TRACES} times"),
                 "give the loops fewer turns",
             ));
         }
@@ -417,7 +438,9 @@ impl Loader<'_> {
             let name = needs.function.name();
             Fault::new(
                 Span::new(needs.place, needs.place + name.len() as u32),
-                format!("`{name}` asks for the surface behind a call of `trace` on whose answer it depends"),
+                format!(
+                    "`{name}` asks for the surface behind a call of `trace` or `visible` on whose answer it depends"
+                ),
                 "ask for what does not depend on the answer, and choose among the results afterwards",
             )
         })
@@ -440,7 +463,7 @@ impl Loader<'_> {
             let bytes = 4 * (rest.words.len() + rest.truths.len().div_ceil(32));
             if bytes > MOST_ENTRY_BYTES {
                 return Err(too_large(
-                    "what lives on behind a call of `trace`",
+                    "what lives on behind a call of `trace` or `visible`",
                     bytes,
                     MOST_ENTRY_BYTES,
                     span,
@@ -452,6 +475,23 @@ impl Loader<'_> {
             return Err(Fault::new(span, "there are too many loop shaders", "call `trace` less often"));
         }
         Ok(Piece::new(whole, numbers))
+    }
+
+    /// Warnings of what a recursive `hit` adds to the pixel without a weight.
+    fn warnings(&self, hit: &Lowered, payload: u32) -> Vec<ShaderError> {
+        let told = |(function, place): (HostFunction, u32)| {
+            let name = function.name();
+            let remedy = match function {
+                HostFunction::Shadow => "multiply what `hit` returns by `visible(ray)`",
+                _ => "return it",
+            };
+            self.loaded.error(&Fault::new(
+                Span::new(place, place + name.len() as u32),
+                format!("`{name}` adds to the pixel without the weights of the `trace`s that have led here"),
+                format!("{remedy}, or carry the weight in the payload"),
+            ))
+        };
+        unweighted::unweighted(&hit.code, payload).into_iter().map(told).collect()
     }
 
     fn turns(&self) -> Result<u32, Fault> {

@@ -1,4 +1,4 @@
-//! Splits a function at its calls of `trace` into a hit shader and loop shaders (RA sections 3.3 and 5).
+//! Splits a function at its calls of `trace` and `visible` into a hit shader and loop shaders (RA sections 3.3 and 5).
 //!
 //! A lowered function is a list of instructions in which control only goes forwards, but for loops, and no ray is
 //! traced in those. So the rest of the list behind a call is what is left to do at a point that has waited there. The
@@ -13,7 +13,7 @@ use crate::program::operation::Operation;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 
-/// The most calls of `trace` of a function, loops unrolled.
+/// The most calls of `trace` and `visible` of a function, loops unrolled.
 pub(super) const MOST_TRACES: usize = 32;
 
 /// Work that is left behind a call of `trace`, or a whole function.
@@ -77,25 +77,29 @@ pub(super) fn split(mut code: Code, waiting: Register) -> Result<(Rest, Vec<Rest
 fn number_traces(code: &mut Code) {
     let mut number = 0;
     for instruction in &mut code.instructions {
-        if let Instruction::Host { function: HostFunction::Trace(trace), .. } = instruction {
-            *trace = number;
+        if let Instruction::Host { function, .. } = instruction
+            && function.wait().is_some()
+        {
+            *function = function.numbered(number);
             number += 1;
         }
     }
 }
 
-/// Number of calls of `trace`.
+/// Number of calls that wait for a ray.
 pub(super) fn traces(code: &Code) -> usize {
-    let is_trace = |instruction: &&Instruction| {
-        matches!(instruction, Instruction::Host { function: HostFunction::Trace(_), .. })
-    };
-    code.instructions.iter().filter(is_trace).count()
+    code.instructions.iter().filter(|instruction| waits(instruction)).count()
+}
+
+/// True for an instruction that waits for a ray.
+fn waits(instruction: &Instruction) -> bool {
+    matches!(instruction, Instruction::Host { function, .. } if function.wait().is_some())
 }
 
 struct Splitter<'a> {
     code: &'a Code,
     waiting: Register,
-    /// The instructions that call `trace`.
+    /// The instructions that wait for a ray.
     traces: Vec<usize>,
     /// The instructions that write each register.
     definitions: Vec<Vec<usize>>,
@@ -113,7 +117,7 @@ impl<'a> Splitter<'a> {
         for (at, instruction) in code.instructions.iter().enumerate() {
             code.writes(instruction).into_iter().for_each(|to| definitions[to as usize].push(at));
             match instruction {
-                Instruction::Host { function: HostFunction::Trace(_), .. } => traces.push(at),
+                instruction if waits(instruction) => traces.push(at),
                 Instruction::Repeat { to, .. } => loops.push(*to as usize..at),
                 _ => {}
             }
@@ -179,11 +183,9 @@ impl<'a> Splitter<'a> {
                 };
                 for to in self.code.writes(instruction) {
                     let is_last = |w: &Register| self.code.writes(instruction).last() == Some(w);
-                    let waits =
-                        matches!(instruction, Instruction::Host { function: HostFunction::Trace(_), .. })
-                            && is_last(&to);
-                    changed |= truths[to as usize] && !stays && !waits;
-                    truths[to as usize] &= stays || waits;
+                    let tells = waits(instruction) && is_last(&to);
+                    changed |= truths[to as usize] && !stays && !tells;
+                    truths[to as usize] &= stays || tells;
                 }
             }
             if !changed {
@@ -488,7 +490,7 @@ impl Walk<'_, '_> {
             return;
         }
         let mut given = old.list(operands).to_vec();
-        if let HostFunction::Trace(trace) = function
+        if let Some(trace) = function.wait()
             && !self.rests[trace as usize].is_nothing
         {
             given.extend(self.rests[trace as usize].kept());

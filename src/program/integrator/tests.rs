@@ -140,3 +140,33 @@ fn options_for_the_other_kind_of_file_are_told() {
     let error = crate::program::SurfaceShader::load("test.wgsl", integrator, []).expect_err("an integrator");
     assert!(error.to_string().contains("--integrator FILE.wgsl"), "{error}");
 }
+
+#[test]
+fn light_that_recursion_does_not_weight_is_told() {
+    let miss = "fn miss(direction: vec3f, p: Payload) -> vec3f { return direction; }\n";
+    let hit = |body: &str| {
+        format!(
+            "struct Payload {{ weight: f32 }}\n{miss}fn hit(at: Hit, p: Payload) -> vec3f {{ {body} \
+             return 0.5 * trace(leave(at.normal), Payload(0.5 * p.weight)); }}"
+        )
+    };
+    let warnings = |body: &str| {
+        let shader = check(&hit(body)).unwrap_or_else(|error| panic!("{error}"));
+        shader.warnings().iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    let told = warnings("shadow(leave(at.wo), at.colour); shadow(leave(at.wo), at.emitted);");
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].starts_with("`shadow` adds to the pixel without the weights"), "{told:?}");
+    assert!(told[0].contains("test.wgsl:3:") && told[0].contains("`visible(ray)`"), "{told:?}");
+    assert_eq!(warnings("splat(at.emitted);").len(), 1);
+    for fine in [
+        "splat(p.weight * at.emitted);",
+        "if depth() == 0u { splat(at.emitted); }",
+        "let w = p.weight; if (at.front) { shadow(leave(at.wo), at.colour * w); }",
+    ] {
+        assert_eq!(warnings(fine), Vec::<String>::new(), "{fine}");
+    }
+    let plain =
+        format!("{miss}fn hit(at: Hit, p: Payload) -> vec3f {{ splat(at.colour); return at.emitted; }}");
+    assert!(check(&plain).expect("valid").warnings().is_empty(), "nothing is weighted without `trace`");
+}

@@ -1,5 +1,6 @@
 //! Calls, which are inlined.
 
+use super::base::BASE;
 use super::scope::Scopes;
 use super::shape::unsupported;
 use super::{Frame, Lowerer, Scalar, Value};
@@ -80,6 +81,9 @@ impl Lowerer<'_> {
         let name = self.input.module.functions[function].name.as_deref().unwrap_or_default();
         let native = if self.input.natives { Native::named(name) } else { None };
         let host = self.input.host.and_then(|_| HostFunction::named(name));
+        if name == BASE {
+            return self.call_base(function, values);
+        }
         match (native, host) {
             (Some(native), _) => Ok(self.call_native(native, &values)),
             (None, Some(host)) => self.call_host(host, function, &values),

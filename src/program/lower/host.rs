@@ -40,6 +40,8 @@ pub(in crate::program) struct Counts {
     pub shadows: u64,
     pub rays: u64,
     pub entries: u64,
+    /// Questions whether a ray hits nothing.
+    pub questions: u64,
 }
 
 impl Counts {
@@ -55,6 +57,7 @@ impl Counts {
             shadows: self.shadows.max(other.shadows),
             rays: self.rays.max(other.rays),
             entries: self.entries.max(other.entries),
+            questions: self.questions.max(other.questions),
         }
     }
 }
@@ -99,7 +102,7 @@ impl Lowerer<'_> {
             None => 0,
         };
         // Which points wait for the ray.
-        width += u32::from(function.is_trace());
+        width += u32::from(function.wait().is_some());
         let mask = self.column(Self::mask_scalar(self.mask));
         let mask = self.acting(mask);
         let start = self.code.lists.len() as u32;
@@ -117,7 +120,7 @@ impl Lowerer<'_> {
             place,
         });
         let mut results: Vec<Scalar> = results.into_iter().map(Scalar::Column).collect();
-        if function.is_trace()
+        if function.wait().is_some()
             && let Some(waits) = results.pop()
         {
             let waiting = self.waiting;
@@ -166,6 +169,7 @@ impl Lowerer<'_> {
             HostFunction::Splat => counts.splats += 1,
             HostFunction::Shadow => counts.shadows += 1,
             HostFunction::Push => counts.entries += 1,
+            HostFunction::Visible(_) => counts.questions += 1,
             _ => counts.rays += 1,
         }
         Ok(())

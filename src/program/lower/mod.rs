@@ -8,6 +8,7 @@
 //! A mask is `None` where it holds all points. Inside a branch or a loop a variable also has *homes*: registers that
 //! each assignment writes under the mask, so that points that skip the branch keep their values.
 
+mod base;
 mod call;
 mod expression;
 mod flow;
@@ -21,6 +22,7 @@ mod variable;
 use super::code::{Code, Instruction, Register};
 use super::operation::Operation;
 use super::source::{Fault, SourceText};
+pub(super) use base::Base;
 use host::Asked;
 pub(super) use host::{Counts, HostInput};
 use naga::valid::ModuleInfo;
@@ -120,6 +122,8 @@ pub(super) struct Input<'m> {
     pub text: &'m SourceText,
     /// Translation of calls of host functions; `None` in shaders that have none.
     pub host: Option<HostInput<'m>>,
+    /// Meaning of `base`.
+    pub base: Base<'m>,
 }
 
 /// Facts about a scalar of the result.
@@ -162,6 +166,8 @@ struct Lowerer<'m> {
     counts: Counts,
     /// Calls of host functions, with their points and results.
     asked: Vec<Asked>,
+    /// True if `base` is called.
+    asks_base: bool,
 }
 
 /// A lowered function before its instructions are optimised.
@@ -173,6 +179,14 @@ pub(super) struct Lowered {
     pub waiting: Register,
     /// The most effects of a point.
     pub counts: Counts,
+    /// True if it asks for the finish of its material.
+    pub asks_base: bool,
+}
+
+impl Lowered {
+    fn optimised(self) -> Self {
+        Self { code: self.code.without_dead_instructions().with_pairs().with_few_registers(), ..self }
+    }
 }
 
 /// Lowers a function whose arguments are the inputs, one number for each scalar, and whose outputs are the scalars of
@@ -180,9 +194,8 @@ pub(super) struct Lowered {
 ///
 /// # Errors
 /// When the function uses what programs lack, or is too long.
-pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Code, Vec<Output>), Fault> {
-    let Lowered { code, outputs, .. } = lowered(input, &[function])?;
-    Ok((code.without_dead_instructions().with_pairs().with_few_registers(), outputs))
+pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<Lowered, Fault> {
+    Ok(lowered(input, &[function])?.optimised())
 }
 
 /// [`lower`] for functions that are called one after the other: the result of each is the first argument of the next.
@@ -191,8 +204,7 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<(Cod
 /// # Errors
 /// When a function uses what programs lack, or they are too long.
 pub(super) fn lower_chain(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Code, Fault> {
-    let Lowered { code, .. } = lowered(input, functions)?;
-    Ok(code.without_dead_instructions().with_pairs().with_few_registers())
+    Ok(lowered(input, functions)?.optimised().code)
 }
 
 /// Lowers a function and two that take its result. The third takes the first `shared` arguments of the second, and the
@@ -214,8 +226,7 @@ pub(super) fn lower_fork(
     arguments.truncate(shared);
     let (more, _) = lowerer.call_whole(third, arguments)?;
     let results: Vec<Scalar> = results.iter().chain(more.iter()).copied().collect();
-    let Lowered { code, .. } = lowerer.finish(&results);
-    Ok(code.without_dead_instructions().with_pairs().with_few_registers())
+    Ok(lowerer.finish(&results).optimised().code)
 }
 
 /// [`lower_chain`] without the optimisations that follow. The last argument of a single function may be a pointer to a
@@ -254,6 +265,7 @@ impl<'m> Lowerer<'m> {
             waits: false,
             counts: Counts::default(),
             asked: Vec::new(),
+            asks_base: false,
         };
         lowerer.waiting = lowerer.register();
         let waiting = lowerer.waiting;
@@ -291,10 +303,10 @@ impl<'m> Lowerer<'m> {
             })
             .collect();
         self.code.outputs = results.iter().map(|&scalar| self.column(scalar)).collect();
-        let Lowerer { mut code, constants, counts, waiting, .. } = self;
+        let Lowerer { mut code, constants, counts, waiting, asks_base, .. } = self;
         code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
         code.constants.sort_unstable();
-        Lowered { code, outputs, waiting, counts }
+        Lowered { code, outputs, waiting, counts, asks_base }
     }
 
     /// The arguments of a function: those that are given, then inputs; and what the last one points to.
@@ -421,6 +433,7 @@ pub(super) fn simplified(operation: Operation, [a, b, c]: [Scalar; 3]) -> Option
         (Operation::Copy, a, ..) => return Some(a),
         (Operation::Select, Scalar::Word(truth), b, c) => return Some(if truth == 0 { c } else { b }),
         (Operation::Select, _, b, c) if b == c => return Some(b),
+        (Operation::EqualInt, a, b, _) if a == b => return Some(all),
         (Operation::And, x, y, _) if y == all || x == y => return Some(x),
         (Operation::And, x, y, _) if x == all => return Some(y),
         (Operation::And | Operation::AndNot, x @ Scalar::Word(0), ..) => return Some(x),

@@ -3,7 +3,7 @@
 use super::oracle::{Oracle, Value, Word};
 use crate::lanes::SimdLevel;
 use crate::program::code::Code;
-use crate::program::lower::{Input, lower};
+use crate::program::lower::{Base, Input, lower};
 use crate::program::operation::CHUNK;
 use crate::program::prelude::prelude;
 use crate::program::run::{BLOCK, Columns, run_alone};
@@ -355,8 +355,9 @@ pub(super) fn lowered(source: &Source, text: &str) -> Code {
         natives: true,
         text: &source.text,
         host: None,
+        base: Base::Refused,
     };
-    lower(input, test_function(source).0).unwrap_or_else(|fault| panic!("{fault:?}\n{text}")).0
+    lower(input, test_function(source).0).unwrap_or_else(|fault| panic!("{fault:?}\n{text}")).code
 }
 
 /// The results at points, at most as many as a block has.

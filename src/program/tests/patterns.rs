@@ -22,7 +22,9 @@ pub(super) fn point_at(scene: &Scene, [x, y, z]: [f32; 3]) -> Points<'_, SingleL
         area: n(1.0),
         primitive: Int::splat(l, 3),
         front: Mask::splat(l, true),
+        bumps: n(0.0),
         scene,
+        own: None,
     }
 }
 
@@ -102,7 +104,7 @@ fn loops_that_end_at_all_points_end_in_vectors_and_blocks_with_room_for_more() {
     assert_eq!(finish_at(&shader, [0.3, 0.0, 0.0]).metallic.get(), 1.2);
     let shader = shader.with_block(Some(64));
     let (mut points, mut finishes) = (BlockColumns::default(), BlockColumns::default());
-    points.for_points(64);
+    points.for_points(shader.wanted(), 64);
     finishes.for_finishes(64);
     points.column_mut(0)[..5].copy_from_slice(&[0.3, 0.4, 0.5, 0.6, 0.7]);
     shader.compute(8, 5, &points, &mut finishes);

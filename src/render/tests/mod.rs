@@ -1,6 +1,8 @@
 //! The integrators, driven without a scheduler.
 
 mod ambient_occlusion;
+#[cfg(feature = "wgsl")]
+mod bases;
 mod dispersion;
 mod dropped;
 mod filters;

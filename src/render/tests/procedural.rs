@@ -223,11 +223,25 @@ impl Procedural for Everything {
             emission: Vector::grey(facing * 0.2) * side,
             opacity: points.position.y + 0.8,
             normal: points.normal + frame.tangent * 0.3 + points.bitangent() * 0.1,
+            specular: one - grain * 0.5,
+            specular_tint: Vector::new(one, grain, object),
+            reflectance: grain * 0.3,
+            clearcoat_roughness: grain,
+            anisotropy: object,
+            rough_direction: points.bitangent() * object,
+            sheen: Vector::grey(grain),
+            sheen_roughness: facing,
+            film: object,
+            film_thickness: facing * 500.0,
+            film_ior: grain + 1.0,
+            diffuse_transmission: grain,
+            diffuse_transmission_colour: Vector::new(object, grain, one),
         }
     }
 
     fn effects(&self) -> Effects {
-        Effects::default().emission(1.0).opacity().normals().thin_transmission()
+        let layers = Effects::default().anisotropy().sheen().film().diffuse_transmission();
+        layers.emission(1.0).opacity().normals().thin_transmission()
     }
 }
 

@@ -4,7 +4,9 @@ use super::harness::{self, render};
 use super::scenes::*;
 use crate::lanes::SimdLevel;
 use crate::program::integrator::IntegratorShader;
-use crate::render::{AmbientOcclusion, Integrator, Settings, WgslIntegrator, WgslShader, Whitted};
+use crate::render::{
+    AmbientOcclusion, Integrator, PathTracer, Settings, WgslIntegrator, WgslShader, Whitted,
+};
 use crate::scene::{Light, LightShape, Material, Scalar, Scene};
 use crate::stream::Stopped;
 use glam::Vec3;
@@ -68,7 +70,7 @@ fn whitted_in_wgsl_is_the_native_one_split_by_hand_or_not() {
 fn every_instruction_set_and_every_batch_size_shades_the_same_picture() {
     let mut scene = one_of_everything();
     lamps(&mut scene, 2);
-    for text in [WHITTED, SPLIT, OCCLUSION, TOON, THREE_LIGHTS, LOOP] {
+    for text in [WHITTED, SPLIT, OCCLUSION, TOON, THREE_LIGHTS, LOOP, PATHS] {
         let expected = pixels(&integrator(text, &scene).with_simd(SimdLevel::narrowest()), 8192);
         assert!(expected.iter().flatten().sum::<f32>() > 5.0);
         for level in SimdLevel::available() {
@@ -160,6 +162,120 @@ fn ambient_occlusion_in_wgsl_is_the_native_one() {
     let native = AmbientOcclusion::new(Arc::new(scene.clone()), &camera(), SETTINGS, 1.0).expect("valid");
     let expected = pixels(&native, 8192);
     assert!(pixels(&integrator(OCCLUSION, &scene), 8192) == expected);
+}
+
+/// A path tracer as one recursive function: light that reaches the hit, and what comes along a sample of the BSDF.
+const PATHS: &str = "
+    struct Payload { sees_lights: u32 }
+    fn start(p: ptr<function, Payload>) { (*p).sees_lights = 1u; }
+    fn hit(at: Hit, p: Payload) -> vec3f {
+        var light = f32(p.sees_lights) * at.emitted;
+        for (var i = 0u; i < 4u; i++) {
+            if i < at.lights {
+                let s = light_sample(i, random(8u * i), random2(8u * i + 1u));
+                if dot(s.wi, at.geometric_normal) > 0.0 {
+                    light += bsdf_evaluate(s.wi).value * s.radiance / s.pdf * visible(s.ray);
+                }
+            }
+        }
+        let next = bsdf_sample(random(40u), random2(41u));
+        if any(next.weight > vec3f(0.0)) {
+            light += next.weight * trace(next.ray, Payload(select(0u, 1u, next.pdf > 1e30)));
+        }
+        return at.passed * light;
+    }
+    fn miss(direction: vec3f, p: Payload) -> vec3f { return f32(p.sees_lights) * sky(direction); }";
+
+/// The means of a picture's quarters, channel by channel.
+fn quarters(pixels: &[[f32; 3]]) -> Vec<f64> {
+    let mut sums = vec![0.0; 12];
+    for (i, pixel) in pixels.iter().enumerate() {
+        let quarter = usize::from(i % 16 >= 8) + 2 * usize::from(i / 16 >= 8);
+        for (channel, &x) in pixel.iter().enumerate() {
+            sums[3 * quarter + channel] += f64::from(x) / 64.0;
+        }
+    }
+    sums
+}
+
+/// The means and the squares of their standard errors over seeds.
+fn over_seeds(render: impl Fn(u64) -> Vec<[f32; 3]>) -> Vec<[f64; 2]> {
+    const SEEDS: u64 = 24;
+    let pictures: Vec<Vec<f64>> = (0..SEEDS).map(|seed| quarters(&render(seed))).collect();
+    let number = SEEDS as f64;
+    (0..12)
+        .map(|i| {
+            let mean = pictures.iter().map(|picture| picture[i]).sum::<f64>() / number;
+            let squares: f64 = pictures.iter().map(|picture| (picture[i] - mean).powi(2)).sum();
+            [mean, squares / (number - 1.0) / number]
+        })
+        .collect()
+}
+
+#[test]
+fn a_recursive_path_tracer_that_asks_for_visibility_is_the_native_one() {
+    let mut scene = room();
+    for material in &mut scene.materials {
+        if let crate::scene::Surface::Principled(of) = &mut material.surface {
+            of.clearcoat = Scalar::constant(0.0);
+        }
+    }
+    lamps(&mut scene, 2);
+    let scene = Arc::new(scene);
+    let tracer = harness::tracer(&scene);
+    let settings = |seed| Settings { seed, ..Settings::new(16, 16).with_spp(16).with_max_bounces(2) };
+    let native = over_seeds(|seed| {
+        let path = PathTracer::new(scene.clone(), &camera(), settings(seed), None).expect("valid");
+        render(&path, 8192, &tracer);
+        path.frame().film().resolve()
+    });
+    let in_wgsl = |text: &str| {
+        over_seeds(|seed| {
+            let shader = IntegratorShader::load("test.wgsl", text, []).unwrap_or_else(|e| panic!("{e}"));
+            let shader =
+                WgslShader::shading(shader, scene.clone(), &camera(), settings(seed)).expect("valid");
+            render(&shader, 8192, &tracer);
+            shader.frame().film().resolve()
+        })
+    };
+    // The greatest difference in standard errors.
+    let apart = |found: &[[f64; 2]]| {
+        let pairs = native.iter().zip(found);
+        pairs.map(|([a, va], [b, vb])| (a - b).abs() / (va + vb).sqrt()).fold(0.0, f64::max)
+    };
+    let found = apart(&in_wgsl(PATHS));
+    assert!(found < 3.0, "{found} standard errors");
+    let blind = apart(&in_wgsl(&PATHS.replace("visible(s.ray)", "1.0")));
+    assert!(blind > 10.0, "without shadows: {blind} standard errors");
+}
+
+#[test]
+fn visibility_alone_needs_no_bounce_and_no_answer_no_ray() {
+    let scene = sheets(2, Material::matte("", Vec3::splat(0.7)));
+    let lit = "
+        fn hit(at: Hit, p: Payload) -> vec3f {
+            let away = visible(leave(at.normal));
+            let back = visible(Ray(at.position + 0.001 * at.wo, at.wo, 0.1));
+            return vec3f(away, back, 0.0);
+        }
+        fn miss(direction: vec3f, p: Payload) -> vec3f { return vec3f(visible(Ray(vec3f(0.0), direction, 0.0))); }";
+    let shader = |text: &str| {
+        let shader = IntegratorShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
+        let settings = SETTINGS.with_max_bounces(0);
+        WgslShader::shading(shader, Arc::new(scene.clone()), &camera(), settings).expect("valid settings")
+    };
+    let tracer = harness::tracer(&scene);
+    let lit = shader(lit);
+    let counts = render(&lit, 100, &tracer);
+    assert!(counts.continuation > counts.camera, "{counts:?}");
+    for pixel in lit.frame().film().resolve() {
+        assert!(pixel == [1.0; 3] || (pixel[1] == 1.0 && pixel[2] == 0.0), "{pixel:?}");
+    }
+    let silent = shader(
+        "fn hit(at: Hit, p: Payload) { splat(at.colour); visible(leave(at.normal)); }
+         fn miss(direction: vec3f, p: Payload) {}",
+    );
+    assert_eq!(render(&silent, 100, &tracer).continuation, 0);
 }
 
 #[test]

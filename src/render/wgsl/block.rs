@@ -3,7 +3,7 @@
 use super::loop_entries::{EntrySession, HEADER, LARGE};
 use super::shading::{Emitted, Ended};
 use super::surfaces::{Surfaces, truth};
-use super::{DEPTH, PAYLOAD, WgslState};
+use super::{DEPTH, PAYLOAD, QUESTION, WgslState};
 use crate::geom::{Sampler, warp::lanes as warp};
 use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector, each, for_pairs};
 use crate::program::BLOCK;
@@ -168,9 +168,11 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         }
     }
 
+    /// `trace`, or with `is_question` `visible`, whose rays are traced after the last bounce, too, and only if something
+    /// is left to do with the answer.
     #[inline(always)]
-    fn trace(&mut self, call: &HostCall<'_>, trace: u32) {
-        let next = self.piece.loop_shader(trace);
+    fn wait(&mut self, call: &HostCall<'_>, number: u32, is_question: bool) {
+        let next = self.piece.loop_shader(number);
         let (words, truths) = match next {
             Some(next) => {
                 let piece = &self.shader.loop_shaders()[next as usize];
@@ -180,11 +182,13 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         };
         let kept = call.operands() - words - truths;
         for point in 0..call.points {
-            for result in 0..3 {
+            let results = if is_question { 1 } else { 3 };
+            for result in 0..results {
                 call.set_word(result, point, 0);
             }
-            let waits = point < self.count && call.holds(point) && self.goes_on(point);
-            call.set_word(3, point, if waits { u32::MAX } else { 0 });
+            let is_traced = if is_question { next.is_some() } else { self.goes_on(point) };
+            let waits = point < self.count && call.holds(point) && is_traced;
+            call.set_word(results, point, if waits { u32::MAX } else { 0 });
             if !waits {
                 continue;
             }
@@ -205,14 +209,14 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
                 head = self.session.push(head, &entry);
             }
             let (ray, own) = ray_of(call, point, kept - 7);
-            self.emit(point, ray, own, head);
+            let onward = self.points.onward[point] | if is_question { QUESTION } else { 0 };
+            self.emit(point, ray, own, onward, head);
         }
     }
 
     #[inline(always)]
-    fn emit(&mut self, point: usize, ray: Ray, own: [u32; PAYLOAD], head: u32) {
-        let Points { pixel, sample, onward, .. } = self.points;
-        let (pixel, sample, depth_and_cone) = (pixel[point], sample[point], onward[point]);
+    fn emit(&mut self, point: usize, ray: Ray, own: [u32; PAYLOAD], depth_and_cone: u32, head: u32) {
+        let (pixel, sample) = (self.points.pixel[point], self.points.sample[point]);
         self.emitted.rays.push(ray);
         self.emitted.states.push(WgslState { own, pixel, sample, depth_and_cone, head });
     }
@@ -303,7 +307,9 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
             }
             let head = self.points.head[point];
             match spawned.get(self.first[point] as usize) {
-                Some(Spawned { ray, own, .. }) => self.emit(point, *ray, *own, head),
+                Some(Spawned { ray, own, .. }) => {
+                    self.emit(point, *ray, *own, self.points.onward[point], head);
+                }
                 None => {
                     let came = match self.shader.returns() {
                         true => each([0, 1, 2], |i| self.piece.result(columns, i, point)),
@@ -354,7 +360,8 @@ impl<L: Lanes> OutlinedTask<L> for Answer<'_, '_, '_, L> {
             HostFunction::Shadow => block.shadow(l, call),
             HostFunction::Spawn => block.spawn(call),
             HostFunction::Push => block.push(call),
-            HostFunction::Trace(trace) => block.trace(call, trace),
+            HostFunction::Trace(number) => block.wait(call, number, false),
+            HostFunction::Visible(number) => block.wait(call, number, true),
             HostFunction::Random | HostFunction::Random2 => block.random(l, call),
             function if function.needs_hit() => block.surface(l, call),
             _ => block.plain(l, call),

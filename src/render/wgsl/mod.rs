@@ -23,9 +23,12 @@ use std::sync::Arc;
 /// Words of a payload.
 const PAYLOAD: usize = MOST_PAYLOAD_BYTES / 4;
 
-/// Bits of [`WgslState`] that count rays.
+/// Bits of [`WgslState`] that count rays and tell questions.
 const DEPTH_BITS: u32 = 16;
-const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
+/// Marks a ray of which only is asked whether it hits nothing.
+const QUESTION: u32 = 1 << (DEPTH_BITS - 1);
+const DEPTH: u32 = QUESTION - 1;
+const _: () = assert!(DEPTH > WgslShader::MAX_BOUNCES + 1);
 
 /// The integrator that shades a frame with a shader in WGSL.
 ///
@@ -62,7 +65,8 @@ pub struct WgslState {
     own: [u32; PAYLOAD],
     pixel: u32,
     sample: u32,
-    /// Lower half: the number of rays before this one. Upper half: the ray's [`crate::shade::Cone`].
+    /// Lower half: the number of rays before this one, and whether it is a question. Upper half: the ray's
+    /// [`crate::shade::Cone`].
     depth_and_cone: u32,
     /// Topmost loop entry.
     head: u32,

@@ -3,7 +3,7 @@
 use super::block::{Block, Points, component, set_lanes};
 use super::loop_entries::{EntrySession, HEADER, LARGE};
 use super::surfaces::{MakeSurfaces, ReadFact, Surfaces};
-use super::{DEPTH_BITS, PAYLOAD, WgslState};
+use super::{DEPTH_BITS, PAYLOAD, QUESTION, WgslState};
 use crate::lanes::{Int, LaneTask, Lanes};
 use crate::program::BLOCK;
 use crate::program::integrator::{
@@ -114,8 +114,13 @@ impl LaneTask for Shading<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(mut self, l: L) -> Emitted {
         let mut surfaces = Vec::with_capacity(BLOCK / L::LANES);
+        let mut others = Vec::new();
         for run in sort(l, self.batch.hits, self.frame.scene()).runs() {
-            for rays in run.rays.chunks(BLOCK) {
+            let rays = match self.shader.asks_questions() {
+                true => self.answer(run.rays, run.material.is_some(), &mut others),
+                false => run.rays,
+            };
+            for rays in rays.chunks(BLOCK) {
                 match run.material {
                     None => self.miss(l, rays),
                     Some(material) => self.hit(l, material, rays, &mut surfaces),
@@ -128,6 +133,20 @@ impl LaneTask for Shading<'_> {
 }
 
 impl<'a> Shading<'a> {
+    /// Answers the questions among rays that have all hit something or all nothing. Returns the other rays.
+    fn answer<'r>(&mut self, rays: &[u32], is_hit: bool, others: &'r mut Vec<u32>) -> &'r [u32] {
+        others.clear();
+        let visible = if is_hit { 0.0f32 } else { 1.0 };
+        for &ray in rays {
+            let WgslState { pixel, sample, depth_and_cone, head, .. } = self.batch.payloads[ray as usize];
+            match depth_and_cone & QUESTION {
+                0 => others.push(ray),
+                _ => self.ended.push(Ended { pixel, sample, head, came: [visible.to_bits(), 0, 0] }),
+            }
+        }
+        others
+    }
+
     /// Notes what a block knows of its points.
     #[inline(always)]
     fn note(&mut self, rays: &[u32]) {

@@ -189,7 +189,7 @@ impl Scene {
 
 /// Checks what a procedural surface declares.
 fn check_effects(part: &ScenePart, effects: Effects) -> Result<(), SceneError> {
-    let Effects { emission_bound, has_opacity: _, has_normals: _, transmission } = effects;
+    let Effects { emission_bound, transmission, .. } = effects;
     POSITIVE.check(part, "the bound of its computed emission", [emission_bound])?;
     match transmission {
         Some(Transmission::Body { ior }) => INDEX_OF_REFRACTION.check(part, "its index of refraction", [ior]),

@@ -1,20 +1,29 @@
 //! The principled BSDF of a finish that user code computes.
 
-use super::coat::{CLEAR_F0, Coat};
+use super::coat::{CLEAR_F0, Coat, CoatRoughness};
 use super::facets::Facets;
 use super::fresnel::Schlick;
-use super::principled::white;
+use super::iridescence::Film;
+use super::sheen::Sheen;
 use super::transparency::Transparency;
 use super::{Principled, Smoothness};
 use crate::lanes::{Lanes, Mask, Num};
-use crate::scene::{Finish, Transmission};
+use crate::scene::{Effects, Finish, Transmission};
+use crate::shade::CoatShape;
+
+/// The greatest thickness of a film; colours of thicker ones are white.
+const MAX_THICKNESS_NM: f32 = 1e6;
+
+/// The greatest index of refraction of a film.
+const MAX_FILM_INDEX: f32 = 10.0;
 
 impl<L: Lanes> Principled<L> {
     /// The BSDFs of a computed finish. `wo` is outside of the body in the lanes of `outside`.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn finished(
         finish: &Finish<L>,
-        transmission: Option<Transmission>,
+        effects: &Effects,
+        coat_shape: &Option<CoatShape<L>>,
         outside: Mask<L>,
         smoothness: Smoothness,
     ) -> Self {
@@ -23,39 +32,81 @@ impl<L: Lanes> Principled<L> {
         let one = Num::splat(l, 1.0);
         let base = finish.colour.clamp(0.0, 1.0);
         let metallic = finish.metallic.clamp(0.0, 1.0);
-        let facets = Facets::new(finish.roughness.clamp(0.0, 1.0), smooth_below);
-        // A wall has the clear coat's index of refraction.
-        let (ior, f0, outside) = match transmission {
-            Some(Transmission::Body { ior }) => (ior, ((ior - 1.0) / (ior + 1.0)).powi(2), Some(outside)),
-            Some(Transmission::ThinWall) | None => (1.5, CLEAR_F0, None),
+        let roughness = finish.roughness.clamp(0.0, 1.0);
+        let facets = match effects.has_anisotropy {
+            false => Facets::new(roughness, smooth_below),
+            true => Facets::anisotropic(roughness, finish.anisotropy.clamp(0.0, 1.0), smooth_below),
         };
-        let layer = facets.reflection(Schlick { f0: white(l) * f0, f90: one });
+        // A wall has the clear coat's index of refraction.
+        let (ior, reflectance, outside) = match effects.transmission {
+            Some(Transmission::Body { ior }) => {
+                (ior, Num::splat(l, ((ior - 1.0) / (ior + 1.0)).powi(2)), Some(outside))
+            }
+            Some(Transmission::ThinWall) | None => (1.5, finish.reflectance.clamp(0.0, 1.0), None),
+        };
+        let specular = finish.specular.clamp(0.0, 1.0);
+        let f0 = (finish.specular_tint * reflectance).clamp(0.0, 1.0) * specular;
+        let layer = facets.reflection(Schlick { f0, f90: specular });
         let metal = facets.reflection(Schlick { f0: base, f90: one });
         let (mut outer, mut opaque, mut transparency) = (layer, one - metallic, None);
-        if transmission.is_some() {
+        let mut leaving = Mask::splat(l, false);
+        if effects.transmission.is_some() {
             let share = finish.transmission.clamp(0.0, 1.0);
             let spread = facets.rougher_than(smoothness.clear_below);
             let through = Transparency::new(opaque * share, base, ior, outside, spread);
+            leaving = through.leaving;
             outer = layer.scaled(Num::select(through.has_own_reflection(), one - share, one));
             opaque *= one - share;
             transparency = Some(through);
+        }
+        let (mut translucency, mut diffuse) = (None, base * opaque);
+        if effects.has_diffuse_transmission {
+            let share = finish.diffuse_transmission.clamp(0.0, 1.0);
+            let mut crosses = finish.diffuse_transmission_colour.clamp(0.0, 1.0) * (opaque * share);
+            diffuse = base * (opaque * (one - share));
+            if leaving.any() {
+                let returned = crosses * Num::splat(l, 1.0 - 1.0 / (ior * ior)).only(leaving);
+                diffuse += returned;
+                crosses = crosses - returned;
+            }
+            translucency = Some(crosses);
+        }
+        let film = match effects.has_film {
+            false => None,
+            true => {
+                let strength = finish.film.clamp(0.0, 1.0).only(!leaving);
+                let thickness_nm = finish.film_thickness.clamp(0.0, MAX_THICKNESS_NM);
+                let film = Film::of(strength, thickness_nm, finish.film_ior.clamp(1.0, MAX_FILM_INDEX));
+                Some(match &transparency {
+                    None => film,
+                    Some(through) => {
+                        let opaque = one - through.share;
+                        film.on(Num::select(through.has_own_reflection() & !leaving, opaque, one))
+                    }
+                })
+            }
+        };
+        let sheen = effects
+            .has_sheen
+            .then(|| Sheen::of(finish.sheen.clamp(0.0, 1.0), finish.sheen_roughness.clamp(0.0, 1.0)));
+        let mut coat_facets = Facets::new(finish.clearcoat_roughness.clamp(0.0, 1.0), smooth_below);
+        if let Some(shape) = coat_shape {
+            // Only one mirrored direction is possible. If the facets are smooth, it is theirs.
+            let roughness = CoatRoughness { bumps: shape.bumps, smooth_below, spread: !facets.rough };
+            coat_facets = roughness.facets(finish.clearcoat_roughness.clamp(0.0, 1.0));
         }
         Self {
             facets,
             reflection: outer.mix(&metal, metallic),
             layer,
-            diffuse: base * opaque,
-            translucency: None,
+            diffuse,
+            translucency,
             transparency,
-            film: None,
-            sheen: None,
-            coat: Some(Coat::new(
-                finish.clearcoat.clamp(0.0, 1.0),
-                Facets::new(Num::zero(l), smooth_below),
-                CLEAR_F0,
-            )),
+            film,
+            sheen,
+            coat: Some(Coat::new(finish.clearcoat.clamp(0.0, 1.0), coat_facets, CLEAR_F0)),
             stack: None,
-            coat_normal: None,
+            coat_normal: coat_shape.map(|shape| shape.normal),
         }
     }
 }

@@ -48,21 +48,20 @@ impl<L: Lanes> Film<L> {
     /// The films at points, in the lanes of `lanes`.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn new(scene: &Scene, film: &scene::Iridescence, at: &TexturePoint<L>, lanes: Mask<L>) -> Self {
-        let l = at.lanes();
-        let [thin, thick] = film.thickness_nm;
-        let thickness_nm = match &film.thickness_texture {
-            None => Num::splat(l, thick),
-            Some(texture) => {
-                let between = scene::Scalar { factor: 1.0, texture: Some(*texture) };
-                Num::splat(l, thin).lerp(Num::splat(l, thick), lookup::share(scene, &between, at))
-            }
-        };
+        let strength = lookup::share(scene, &film.strength, at).only(lanes);
+        let ior = Num::splat(at.lanes(), film.ior);
+        Self::of(strength, lookup::film_thickness(scene, film, at), ior)
+    }
+
+    /// Films of these strengths, thicknesses in nanometres and indices of refraction.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn of(strength: Num<L>, thickness_nm: Num<L>, ior: Num<L>) -> Self {
+        let one = Num::splat(ior.lanes(), 1.0);
         // Below a thickness of 0.03 nm the index falls to that of the outside, which means no film.
         let there = (thickness_nm * (1.0 / 0.03)).clamp(0.0, 1.0);
         let there = there * there * (3.0 - 2.0 * there);
-        let ior = 1.0 + there * (film.ior.max(1.0) - 1.0);
-        let strength = lookup::share(scene, &film.strength, at).only(lanes);
-        Self { strength, share: Num::splat(l, 1.0), thickness_nm, ior }
+        let ior = 1.0 + there * (ior.max(one) - 1.0);
+        Self { strength, share: one, thickness_nm, ior }
     }
 
     /// The film on a share of the surface.

@@ -217,8 +217,10 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                     Some(finish) => *finish,
                     None => surface.finish(&at.points(scene)),
                 };
-                let (transmission, outside) = (surface.effects().transmission, at.outside);
-                let finished = outlined::Finished { finish: &finish, transmission, outside, smoothness };
+                // Copies: `at` stays in registers where no call refers to it.
+                let (effects, coat, outside) = (surface.effects(), at.coat, at.outside);
+                let coat = &coat;
+                let finished = outlined::Finished { finish: &finish, effects, coat, outside, smoothness };
                 Self::Principled(l.outlined(finished))
             }
             Surface::Scattering(index) => {

@@ -2,7 +2,7 @@
 
 use super::{Principled, Sample, Smooth, Smoothness};
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::{self, Finish, Scene, TexturePoint, Transmission};
+use crate::scene::{self, Effects, Finish, Scene, TexturePoint};
 use crate::shade::CoatShape;
 
 /// [`Principled::new`].
@@ -28,7 +28,8 @@ impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
 /// [`Principled::finished`].
 pub struct Finished<'a, L: Lanes> {
     pub finish: &'a Finish<L>,
-    pub transmission: Option<Transmission>,
+    pub effects: &'a Effects,
+    pub coat: &'a Option<CoatShape<L>>,
     pub outside: Mask<L>,
     pub smoothness: Smoothness,
 }
@@ -38,7 +39,7 @@ impl<L: Lanes> OutlinedTask<L> for Finished<'_, L> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> Principled<L> {
-        Principled::finished(self.finish, self.transmission, self.outside, self.smoothness)
+        Principled::finished(self.finish, self.effects, self.coat, self.outside, self.smoothness)
     }
 }
 

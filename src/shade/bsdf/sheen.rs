@@ -38,8 +38,9 @@ impl<L: Lanes> Sheen<L> {
         Self::of(colour, lookup::share(scene, &sheen.roughness, at))
     }
 
+    /// The sheen of fibres of an albedo and a perceptual roughness.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn of(colour: Vector<L>, roughness: Num<L>) -> Self {
+    pub fn of(colour: Vector<L>, roughness: Num<L>) -> Self {
         let roughness = roughness.clamp(MIN_ROUGHNESS, 1.0);
         let smooth = (1.0 - roughness * roughness).squared();
         // Coefficients at alpha 1, and their differences towards alpha 0.

@@ -245,7 +245,7 @@ impl Bench<'_> {
         for block in BLOCKS {
             let shader = wood(false)?.with_block(Some(block));
             let (mut points, mut finishes) = (BlockColumns::default(), BlockColumns::default());
-            points.for_points(block);
+            points.for_points(shader.wanted(), block);
             finishes.for_finishes(block);
             for (i, x) in points.column_mut(0).iter_mut().enumerate() {
                 *x = i as f32 * 0.37;

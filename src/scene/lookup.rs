@@ -1,7 +1,7 @@
 //! Material inputs at points: a factor, times a texture and the mesh's colours if there are any.
 
+use super::{Colour, Emission, Iridescence, Scalar, Scene, TexturePoint};
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Colour, Emission, Scalar, Scene, TexturePoint};
 use glam::Vec3;
 
 /// Colours at points, linear Rec. 709.
@@ -68,6 +68,20 @@ pub fn emission<L: Lanes>(
 ) -> Vector<L> {
     let radiance = colour(scene, &emission.radiance, at).clamp(0.0, f32::INFINITY);
     if emission.two_sided { radiance } else { radiance.only(front) }
+}
+
+/// Thickness of a film in nanometres.
+#[inline(always)]
+pub fn film_thickness<L: Lanes>(scene: &Scene, film: &Iridescence, at: &TexturePoint<L>) -> Num<L> {
+    let l = at.lanes();
+    let [thin, thick] = film.thickness_nm;
+    match &film.thickness_texture {
+        None => Num::splat(l, thick),
+        Some(texture) => {
+            let between = Scalar { factor: 1.0, texture: Some(*texture) };
+            Num::splat(l, thin).lerp(Num::splat(l, thick), share(scene, &between, at))
+        }
+    }
 }
 
 /// Luminance of a linear Rec. 709 colour.
