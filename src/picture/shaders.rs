@@ -19,7 +19,7 @@ pub const EXTENSION: &str = ".wgsl";
 /// `--surface MATERIAL=FILE.wgsl[,NAME=VALUE..]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ShaderSurface {
-    /// The materials that get it.
+    /// The name of the materials that get it; `*` stands for any text.
     pub material: String,
     /// The shader.
     pub file: PathBuf,
@@ -138,7 +138,7 @@ pub fn apply(
     for request in shaders {
         let material = request.material as usize;
         let name = scene.materials[material].name.clone();
-        if surfaces.iter().any(|surface| surface.material == name) {
+        if surfaces.iter().any(|surface| scene.materials_named(&surface.material).contains(&material)) {
             continue;
         }
         let file = scene_file.parent().unwrap_or(Path::new("")).join(&request.surface);
@@ -158,8 +158,8 @@ pub fn apply(
     for ShaderSurface { material, file, values } in surfaces {
         let modified = modified(file);
         let shader = load(file, material, values, settings, &mut used)?;
-        let named = scene.materials.iter().enumerate().filter(|(_, other)| other.name == *material);
-        let materials = named.map(|(number, of)| (number, of.surface)).collect();
+        let named = scene.materials_named(material).into_iter();
+        let materials = named.map(|number| (number, scene.materials[number].surface)).collect();
         scene
             .replace_surface(material, shader)
             .with_context(|| format!("--surface {material}={}", file.display()))?;

@@ -122,6 +122,7 @@ impl BsdfShader {
     }
 
     pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
+        loaded.refuse_displacement()?;
         let evaluate = Prepared::of(&loaded, &EVALUATE)?;
         let sample = Prepared::of(&loaded, &SAMPLE)?;
         Ok(Self {

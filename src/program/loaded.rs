@@ -10,9 +10,12 @@ use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
 use super::token::{Declaration, declarations, tokens};
-use naga::{Expression, Literal, Span};
+use naga::{Block, Expression, Function, Handle, Literal, Span, Statement};
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
+
+/// The function by which other renderers displace surfaces.
+const DISPLACE: &str = "displace";
 
 /// A valid file with values of its parameters.
 #[derive(Debug)]
@@ -117,6 +120,24 @@ impl Loaded {
         self.source.module.functions.iter().any(|(_, other)| other.name.as_deref() == Some(function))
     }
 
+    /// Refuses a function `displace` that no other one calls: it would be ignored.
+    ///
+    /// # Errors
+    /// When there is one.
+    pub fn refuse_displacement(&self) -> Result<(), ShaderError> {
+        let module = &self.source.module;
+        let named = |(_, function): &(_, &naga::Function)| function.name.as_deref() == Some(DISPLACE);
+        let Some((handle, _)) = module.functions.iter().find(named) else { return Ok(()) };
+        if module.functions.iter().any(|(_, function)| calls(&function.body, handle)) {
+            return Ok(());
+        }
+        Err(self.error(&Fault::new(
+            module.functions.get_span(handle),
+            "surfaces cannot be displaced: shaders run where a ray has hit",
+            "bend the normals: `finish.normal = bump(at.normal, slopes)`",
+        )))
+    }
+
     pub fn error(&self, fault: &Fault) -> ShaderError {
         self.source.error(fault)
     }
@@ -147,6 +168,18 @@ impl Loaded {
         };
         Some((number, module.constants.get_span(handle)))
     }
+}
+
+/// True if statements call a function.
+fn calls(block: &Block, wanted: Handle<Function>) -> bool {
+    block.iter().any(|statement| match statement {
+        Statement::Call { function, .. } => *function == wanted,
+        Statement::Block(block) => calls(block, wanted),
+        Statement::If { accept, reject, .. } => calls(accept, wanted) || calls(reject, wanted),
+        Statement::Switch { cases, .. } => cases.iter().any(|case| calls(&case.body, wanted)),
+        Statement::Loop { body, continuing, .. } => calls(body, wanted) || calls(continuing, wanted),
+        _ => false,
+    })
 }
 
 /// A number that a text defines as a constant without a type: naga's module has no constants of abstract types. What is

@@ -6,12 +6,15 @@ use std::fmt::Write;
 /// The functions of the prelude.
 const FUNCTIONS: &str = include_str!("../../shaders/prelude.wgsl");
 
+/// Noises and random numbers.
+const NOISES: &str = include_str!("../../shaders/noises.wgsl");
+
 /// WGSL's own functions, as far as they are not single operations.
 const BUILT_INS: &str = include_str!("../../shaders/built_ins.wgsl");
 
 /// The text of the prelude: the structs `Point` and `Finish` with the fields of `docs/guide/surface-fields.md`, the
-/// function `matte`, and the functions of `shaders/prelude.wgsl` and `shaders/built_ins.wgsl`. It follows the text of a
-/// file, so that lines keep their numbers.
+/// function `matte`, and the functions of `shaders/prelude.wgsl`, `shaders/noises.wgsl` and
+/// `shaders/built_ins.wgsl`. It follows the text of a file, so that lines keep their numbers.
 pub fn prelude() -> String {
     let mut text = String::from("// A point on a surface.\nstruct Point {\n");
     for field in POINT_FIELDS {
@@ -41,7 +44,7 @@ pub fn prelude() -> String {
     };
     text += &FINISH_FIELDS.iter().map(mixed).collect::<Vec<_>>().join(", ");
     text += ");\n}\n\n";
-    text + FUNCTIONS + "\n" + BUILT_INS
+    [&text, FUNCTIONS, "\n", NOISES, "\n", BUILT_INS].concat()
 }
 
 /// A field's default in WGSL.

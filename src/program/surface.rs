@@ -107,6 +107,7 @@ impl PatternShader {
     }
 
     pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
+        loaded.refuse_displacement()?;
         Self::lowered(&Arc::new(loaded), None)
     }
 

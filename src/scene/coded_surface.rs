@@ -143,6 +143,19 @@ pub enum GiveSurfaceError {
     },
 }
 
+/// True if a text is a pattern, in which `*` stands for any text.
+fn fits(text: &str, pattern: &str) -> bool {
+    let mut parts = pattern.split('*');
+    let Some(mut rest) = parts.next().and_then(|first| text.strip_prefix(first)) else { return false };
+    let parts: Vec<&str> = parts.collect();
+    let Some((last, between)) = parts.split_last() else { return rest.is_empty() };
+    for part in between {
+        let Some(at) = rest.find(part) else { return false };
+        rest = &rest[at + part.len()..];
+    }
+    rest.ends_with(last)
+}
+
 /// Number of names that a message lists.
 const LISTED: usize = 12;
 
@@ -222,7 +235,8 @@ impl Scene {
         }
     }
 
-    /// [`Scene::give_surface`] to every material of a name. Returns their number.
+    /// [`Scene::give_surface`] to every material of a name or a pattern: see [`Scene::materials_named`]. Returns their
+    /// number.
     ///
     /// # Errors
     /// If no material has this name; those of [`Scene::give_surface`].
@@ -251,13 +265,26 @@ impl Scene {
         material: &str,
         surface: impl Into<CodedSurface>,
     ) -> Result<usize, GiveSurfaceError> {
-        let named = self.materials.iter().enumerate().filter(|(_, other)| other.name == material);
-        let named: Vec<usize> = named.map(|(number, _)| number).collect();
+        let named = self.materials_named(material);
         if named.is_empty() {
             return Err(self.no_such_material(material).into());
         }
         self.give_surface(&named, surface)?;
         Ok(named.len())
+    }
+
+    /// The numbers of the materials of a name. If there are none, `*` in it stands for any text, as in `"wood*"`, and
+    /// mixes are left out: their parts are materials themselves.
+    pub fn materials_named(&self, name: &str) -> Vec<usize> {
+        let numbers = |is_meant: &dyn Fn(&Material) -> bool| -> Vec<usize> {
+            let meant = self.materials.iter().enumerate().filter(|(_, material)| is_meant(material));
+            meant.map(|(number, _)| number).collect()
+        };
+        let exact = numbers(&|material| material.name == name);
+        if !exact.is_empty() || !name.contains('*') {
+            return exact;
+        }
+        numbers(&|material| !matches!(material.surface, Surface::Mix(_)) && fits(&material.name, name))
     }
 
     /// The error that names a material and those that the scene has.
@@ -281,6 +308,33 @@ mod tests {
         fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
             Finish::matte(points)
         }
+    }
+
+    #[test]
+    fn stars_stand_for_any_text() {
+        for (text, pattern, is_fit) in [
+            ("wood dark", "wood*", true),
+            ("wood", "wood*", true),
+            ("a wood", "wood*", false),
+            ("a wood", "*wood", true),
+            ("a wood b", "*wood", false),
+            ("leg.001.left", "leg*.left", true),
+            ("legleft", "leg*gleft", false),
+            ("abcab", "*ab*ab", true),
+            ("ab", "*ab*ab", false),
+            ("", "*", true),
+            ("x", "", false),
+        ] {
+            assert_eq!(fits(text, pattern), is_fit, "{text} {pattern}");
+        }
+        let names = ["wood", "wood*", "wooden", "mixed wood"];
+        let mut materials = names.map(|name| Material::matte(name, Vec3::ONE)).to_vec();
+        materials[3].surface = Surface::Mix(0);
+        let scene = Scene { materials, ..Scene::default() };
+        assert_eq!(scene.materials_named("wood*"), [1], "a name before a pattern");
+        assert_eq!(scene.materials_named("w*"), [0, 1, 2]);
+        assert_eq!(scene.materials_named("*"), [0, 1, 2], "a mix has parts");
+        assert_eq!(scene.materials_named("mixed wood"), [3]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Points on surfaces, as user surfaces see them.
 
-use super::corners::{self, Weights, blend, corner_uvs, tangent_basis, vectors};
+use super::corners::{self, Weights, blend, blend_uvs, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{FieldType, Finish, Footprint, OwnSurface, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
@@ -143,6 +143,8 @@ points! {
             Points::vertex_alpha_here;
         object: U32 as Int<L>, "index", "below the number of objects, or 4294967295 if the triangle has none",
             "The object in the scene's object table; each instance is an object of its own.", Points::object_here;
+        uv1: Vec2f as [Num<L>; 2], "texture coordinates", "finite",
+            "Texture coordinates of the mesh's second set; those of the first without one.", Points::second_uv_here;
     }
 }
 
@@ -280,6 +282,17 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn bitangent_here(&self) -> Vector<L> {
         self.tangent_frame().bitangent
+    }
+
+    #[inline(always)]
+    fn second_uv_here(&self) -> [Num<L>; 2] {
+        let mesh = &self.scene.mesh;
+        let uvs = mesh.uv_set(1);
+        if uvs.is_empty() {
+            return self.uv;
+        }
+        let [u, v] = self.barycentric;
+        blend_uvs(&corner_uvs(uvs, &corners::indices(mesh, self.primitive)), &[1.0 - u - v, u, v])
     }
 
     #[inline(always)]

@@ -2,12 +2,13 @@
 
 use super::geometry::{Geometry, Hits};
 use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction};
+use super::turned::turned;
 use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, BlockFinishes, Effects, Finish, Footprint, Material, NormalMap, OwnSurface, Points,
-    ProceduralSurface, Scalar, Scene, Surface, TexturePoint, TextureRef, TriangleMesh,
+    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, OwnSurface, Points, ProceduralSurface,
+    Scalar, Scene, Surface, TexturePoint, TextureRef, TriangleMesh,
 };
 use crate::stream::Hit;
 
@@ -89,31 +90,14 @@ impl<L: Lanes> Interaction<L> {
         };
         let effects = surface.effects();
         if effects.has_normals || effects.has_anisotropy {
-            self.turn(&finish, effects);
+            let old = self.basis;
+            let (basis, changed) = turned(&old, &finish, effects, (self.normal, self.wo));
+            self.basis = basis;
+            if let Some(coat) = &mut self.coat {
+                coat.normal = Vector::select(changed, basis.local(old.world(coat.normal)), coat.normal);
+            }
         }
         self.finish = Some(finish);
-    }
-
-    /// Bends the normals, and turns the x axis to the rougher direction, as a finish says.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn turn(&mut self, finish: &Finish<L>, effects: &Effects) {
-        let old = self.basis;
-        if effects.has_normals {
-            let (normal, there) = finish.normal.normalize_or(old.normal);
-            let bent = bend_where(normal, there, self.normal, self.wo, false);
-            self.basis = Basis::around(Vector::select(there, bent, old.normal));
-        }
-        if effects.has_anisotropy {
-            let normal = self.basis.normal;
-            let (x, given) = finish.rough_direction.normalize_or(old.tangent);
-            let (tangent, along) = (x - normal * x.dot(normal)).normalize_or(self.basis.tangent);
-            let rough = Basis { tangent, bitangent: normal.cross(tangent), normal };
-            let turned = if effects.has_normals { along } else { along & given };
-            self.basis = Basis::select(turned, rough, self.basis);
-        }
-        if let Some(coat) = &mut self.coat {
-            coat.normal = self.basis.local(old.world(coat.normal));
-        }
     }
 
     /// [`Interaction::new`] before [`Interaction::set_finish`].

@@ -22,6 +22,7 @@ pub mod single;
 mod sort;
 #[cfg(test)]
 mod tests;
+mod turned;
 
 pub use crate::scene::lookup;
 pub use arena::ArenaUse;

@@ -261,3 +261,99 @@ fn endless_loops_are_told() {
     let Stopped(reason) = *thrown.downcast().expect("no panic");
     assert!(reason.starts_with("this loop takes too many turns\n --> endless.wgsl:2:1\n"), "{reason}");
 }
+
+/// Values of an expression of `p` at random points.
+fn values(expression: &str) -> Vec<[f32; 3]> {
+    let text = format!(
+        "fn pattern(at: Point) -> Finish {{ var f = matte(at); let p = at.position; f.colour = {expression}; \
+         return f; }}"
+    );
+    let shader = PatternShader::load("test.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
+    let part = |k: u32| (crate::geom::mix(k) as f32 / u32::MAX as f32 - 0.5) * 40.0;
+    let at = |i: u32| finish_at(&shader, [part(3 * i), part(3 * i + 1), part(3 * i + 2)]).colour;
+    (0..2000).map(at).map(|c| [c.x.get(), c.y.get(), c.z.get()]).collect()
+}
+
+#[test]
+fn noises_keep_what_they_promise() {
+    let spread = |numbers: Vec<f32>| {
+        let mean = numbers.iter().sum::<f32>() / numbers.len() as f32;
+        let squares = numbers.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>();
+        (mean, (squares / numbers.len() as f32).sqrt())
+    };
+    let channel =
+        |all: &[[f32; 3]], channel: usize| all.iter().map(|colour| colour[channel]).collect::<Vec<_>>();
+    let plain = values("vec3f(noise2(p.xy), gradient_noise(p), gradient_noise2(p.xy))");
+    assert!(plain.iter().all(|[a, b, c]| (0.0..=1.0).contains(a) && b.abs() <= 1.5 && c.abs() <= 1.5));
+    let [(a, sa), (b, sb), (c, sc)] = [0, 1, 2].map(|i| spread(channel(&plain, i)));
+    assert!((a - 0.5).abs() < 0.03 && b.abs() < 0.03 && c.abs() < 0.03, "{a} {b} {c}");
+    assert!(sa > 0.1 && sb > 0.1 && sc > 0.1, "{sa} {sb} {sc}");
+    let corners =
+        values("vec3f(gradient_noise(floor(p)), gradient_noise2(floor(p.xy)), noise2(p.xy) - noise2(p.xy))");
+    assert!(corners.iter().all(|corner| *corner == [0.0; 3]));
+    // No jumps: along a short step values differ little, across faces of the lattice too.
+    let steps = values(
+        "vec3f(gradient_noise(round(p) + 1e-3) - gradient_noise(round(p) - 1e-3), noise2(round(p.xy) + 1e-3) - \
+         noise2(round(p.xy) - 1e-3), periodic_noise(round(p) + 1e-3, vec3f(5.0)) - periodic_noise(round(p) - 1e-3, \
+         vec3f(5.0)))",
+    );
+    assert!(steps.iter().flatten().all(|step| step.abs() < 0.01));
+    let repeats = values(
+        "vec3f(periodic_noise(floor(p * 8.0) / 8.0, vec3f(4.0, 3.0, 7.0)), \
+         periodic_noise(floor(p * 8.0) / 8.0 + vec3f(4.0, -9.0, 14.0), vec3f(4.0, 3.0, 7.0)), \
+         periodic_noise(floor(p * 8.0) / 8.0 + vec3f(1.0, 0.0, 0.0), vec3f(4.0, 3.0, 7.0)))",
+    );
+    assert!(repeats.iter().all(|[a, b, _]| a == b) && repeats.iter().any(|[a, _, c]| (a - c).abs() > 0.1));
+    for text in ["worley(p)", "worley2(p.xy)"] {
+        let cells = values(&format!("vec3f({text}.distance, {text}.second, {text}.random)"));
+        assert!(
+            cells.iter().all(|[near, second, id]| near <= second && *second < 2.0 && (0.0..1.0).contains(id))
+        );
+        let (mean, _) = spread(channel(&cells, 0));
+        assert!((0.3..0.7).contains(&mean), "{text}: {mean}");
+    }
+    let own = values(
+        "vec3f(worley(worley(p).centre).distance, worley(worley(p).centre).random - worley(p).random, 0.0)",
+    );
+    assert!(
+        own.iter().all(|[distance, other, _]| *distance < 1e-4 && *other == 0.0),
+        "a centre is in its cell"
+    );
+    let bent = values("bump(vec3f(0.0, 0.0, 1.0), vec3f(0.5, 0.0, 9.0))");
+    assert!(
+        bent.iter().all(|[x, y, z]| (x / z + 0.5).abs() < 1e-6 && *y == 0.0),
+        "a slope along the normal is none"
+    );
+    let random = values("vec3f(object_random(at, 0u), object_random(at, 1u), object_random(at, 0u))");
+    assert!(
+        random.iter().all(|[a, b, c]| a == c && a != b && *a == random[0][0]),
+        "the same all over an object"
+    );
+}
+
+#[test]
+fn displacement_is_refused_in_words() {
+    let pattern = "fn pattern(at: Point) -> Finish { return matte(at); }";
+    let told = format!("fn displace(at: Point) -> f32 {{ return noise(at.position); }}\n{pattern}");
+    let error = PatternShader::load("test.wgsl", &told, []).expect_err("ignored").to_string();
+    assert!(error.contains("cannot be displaced") && error.contains("test.wgsl:1:"), "{error}");
+    let called = "fn displace(p: vec3f) -> vec3f { return p + noise(p); }
+        fn pattern(at: Point) -> Finish { var f = matte(at); f.colour = displace(at.position); return f; }";
+    PatternShader::load("test.wgsl", called, []).expect("a function of the file's own");
+}
+
+#[test]
+fn the_second_set_of_texture_coordinates_is_told() {
+    let text =
+        "fn pattern(at: Point) -> Finish { var f = matte(at); f.colour = vec3f(at.uv1, at.uv.x); return f; }";
+    let shader = PatternShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
+    let mut scene = Scene::default();
+    let colour = |scene: &Scene| {
+        let colour = shader.finish(&point_at(scene, [0.0; 3])).colour;
+        [colour.x.get(), colour.y.get(), colour.z.get()]
+    };
+    assert_eq!(colour(&scene), [0.25, 0.75, 0.25], "without a second set");
+    scene.mesh.triangles = vec![[0, 1, 2]; 4];
+    scene.mesh.more_uvs = vec![vec![glam::Vec2::ZERO, glam::Vec2::new(5.0, 0.0), glam::Vec2::new(0.0, 10.0)]];
+    assert_eq!(colour(&scene), [0.5, 2.0, 0.25]);
+}

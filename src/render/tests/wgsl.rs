@@ -20,6 +20,7 @@ const SPLIT: &str = include_str!("../../../scenes/shaders/whitted_split.wgsl");
 const OCCLUSION: &str = include_str!("../../../scenes/shaders/ambient_occlusion.wgsl");
 const TOON: &str = include_str!("../../../scenes/shaders/toon.wgsl");
 const THREE_LIGHTS: &str = include_str!("../../../scenes/shaders/three_lights.wgsl");
+const PATHS: &str = include_str!("../../../scenes/shaders/paths.wgsl");
 
 fn integrator(text: &str, scene: &Scene) -> WgslIntegrator {
     let shader = IntegratorShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
@@ -157,34 +158,33 @@ fn several_rays_that_are_spawned_wait_on_the_loop_stack() {
 }
 
 #[test]
+fn rays_that_are_spawned_before_one_is_traced_wait_for_it() {
+    let scene = sheets(2, Material::matte("", Vec3::splat(0.7)));
+    let text = "
+        struct Payload { weight: f32 }
+        fn start(p: ptr<function, Payload>) { (*p).weight = 1.0; }
+        fn hit(at: Hit, p: Payload) {
+            spawn(leave(-at.wo), Payload(0.5 * p.weight));
+            spawn(leave(-at.wo), Payload(0.25 * p.weight));
+            trace(leave(at.normal), Payload(0.125 * p.weight));
+            splat(vec3f(0.0625 * p.weight * visible(leave(-at.wo))));
+        }
+        fn miss(direction: vec3f, p: Payload) { splat(vec3f(p.weight)); }";
+    // Between the sheets one ray goes on, and two leave, but at the last hit.
+    let sum = |hits: i32| (0..hits).map(|depth| 0.125f32.powi(depth)).sum::<f32>();
+    let expected = 0.75 * sum(5) + 0.0625 * sum(6);
+    for pixel in pixels(&integrator(text, &scene), 100) {
+        assert!((pixel[0] - expected).abs() < 1e-3, "{pixel:?}, not {expected}");
+    }
+}
+
+#[test]
 fn ambient_occlusion_in_wgsl_is_the_native_one() {
     let scene = room();
     let native = AmbientOcclusion::new(Arc::new(scene.clone()), &camera(), SETTINGS, 1.0).expect("valid");
     let expected = pixels(&native, 8192);
     assert!(pixels(&integrator(OCCLUSION, &scene), 8192) == expected);
 }
-
-/// A path tracer as one recursive function: light that reaches the hit, and what comes along a sample of the BSDF.
-const PATHS: &str = "
-    struct Payload { sees_lights: u32 }
-    fn start(p: ptr<function, Payload>) { (*p).sees_lights = 1u; }
-    fn hit(at: Hit, p: Payload) -> vec3f {
-        var light = f32(p.sees_lights) * at.emitted;
-        for (var i = 0u; i < 4u; i++) {
-            if i < at.lights {
-                let s = light_sample(i, random(8u * i), random2(8u * i + 1u));
-                if dot(s.wi, at.geometric_normal) > 0.0 {
-                    light += bsdf_evaluate(s.wi).value * s.radiance / s.pdf * visible(s.ray);
-                }
-            }
-        }
-        let next = bsdf_sample(random(40u), random2(41u));
-        if any(next.weight > vec3f(0.0)) {
-            light += next.weight * trace(next.ray, Payload(select(0u, 1u, next.pdf > 1e30)));
-        }
-        return at.passed * light;
-    }
-    fn miss(direction: vec3f, p: Payload) -> vec3f { return f32(p.sees_lights) * sky(direction); }";
 
 /// The means of a picture's quarters, channel by channel.
 fn quarters(pixels: &[[f32; 3]]) -> Vec<f64> {

@@ -168,8 +168,35 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
         }
     }
 
-    /// `trace`, or with `is_question` `visible`, whose rays are traced after the last bounce, too, and only if something
-    /// is left to do with the answer.
+    /// Lets the rays that a point has spawned wait on the loop stack, the earliest on top.
+    #[inline(always)]
+    fn keep_spawned(&mut self, point: usize) {
+        if self.first[point] == NONE {
+            return;
+        }
+        self.first[point] = NONE;
+        for index in (0..self.spawned.len()).rev() {
+            if self.spawned[index].point == point as u32 {
+                self.push_ray(index);
+                self.spawned[index].point = NONE;
+            }
+        }
+    }
+
+    /// Pushes a spawned ray on the loop stack of its point.
+    #[inline(always)]
+    fn push_ray(&mut self, index: usize) {
+        let Spawned { point, ray, own } = &self.spawned[index];
+        let point = *point as usize;
+        let mut entry = [0; LARGE];
+        entry[1] = self.points.onward[point];
+        entry[HEADER..HEADER + 8].copy_from_slice(bytemuck::cast_slice(&[*ray]));
+        entry[HEADER + 8..][..PAYLOAD].copy_from_slice(own);
+        self.points.head[point] = self.session.push(self.points.head[point], &entry);
+    }
+
+    /// `trace`, or with `is_question` `visible`: its rays are traced after the last bounce, too, and only if
+    /// something is left to do with the answer.
     #[inline(always)]
     fn wait(&mut self, call: &HostCall<'_>, number: u32, is_question: bool) {
         let next = self.piece.loop_shader(number);
@@ -193,6 +220,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
                 continue;
             }
             self.waits[point] = true;
+            self.keep_spawned(point);
             let mut head = self.points.head[point];
             if let Some(next) = next {
                 let mut entry = [0; LARGE];
@@ -289,18 +317,14 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
     /// Emits the rays that were spawned, and tells which paths have ended.
     #[inline(always)]
     pub fn finish(mut self, columns: &Columns, ended: &mut Vec<Ended>) {
-        let spawned = std::mem::take(&mut self.spawned);
         // The topmost waiting ray is the earliest.
-        for (index, Spawned { point, ray, own }) in spawned.iter().enumerate().rev() {
-            let point = *point as usize;
-            if self.first[point] != index as u32 {
-                let mut entry = [0; LARGE];
-                entry[1] = self.points.onward[point];
-                entry[HEADER..HEADER + 8].copy_from_slice(bytemuck::cast_slice(&[*ray]));
-                entry[HEADER + 8..][..PAYLOAD].copy_from_slice(own);
-                self.points.head[point] = self.session.push(self.points.head[point], &entry);
+        for index in (0..self.spawned.len()).rev() {
+            let point = self.spawned[index].point;
+            if point != NONE && self.first[point as usize] != index as u32 {
+                self.push_ray(index);
             }
         }
+        let spawned = std::mem::take(&mut self.spawned);
         for point in 0..self.count {
             if self.waits[point] {
                 continue;

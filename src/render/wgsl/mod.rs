@@ -25,7 +25,7 @@ const PAYLOAD: usize = MOST_PAYLOAD_BYTES / 4;
 
 /// Bits of [`WgslState`] that count rays and tell questions.
 const DEPTH_BITS: u32 = 16;
-/// Marks a ray of which only is asked whether it hits nothing.
+/// Marks a ray that only asks whether it hits nothing.
 const QUESTION: u32 = 1 << (DEPTH_BITS - 1);
 const DEPTH: u32 = QUESTION - 1;
 const _: () = assert!(DEPTH > WgslShader::MAX_BOUNCES + 1);

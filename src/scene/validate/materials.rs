@@ -50,7 +50,11 @@ impl Scene {
             Surface::Principled(surface) => self.check_principled(part, surface),
             Surface::Procedural(i) => {
                 index("procedural surface", *i, self.procedurals.len())?;
-                check_effects(part, *self.procedurals[*i as usize].effects())
+                let surface = &self.procedurals[*i as usize];
+                if let Some(own) = surface.own() {
+                    self.check_principled(part, own.surface())?;
+                }
+                check_effects(part, *surface.effects())
             }
             Surface::Scattering(i) => index("scattering surface", *i, self.scatterings.len()),
             Surface::Mix(i) => index("mix", *i, self.mixes.len()),

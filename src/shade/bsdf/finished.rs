@@ -7,7 +7,7 @@ use super::iridescence::Film;
 use super::sheen::Sheen;
 use super::transparency::Transparency;
 use super::{Principled, Smoothness};
-use crate::lanes::{Lanes, Mask, Num};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Effects, Finish, Transmission};
 use crate::shade::CoatShape;
 
@@ -59,42 +59,22 @@ impl<L: Lanes> Principled<L> {
             opaque *= one - share;
             transparency = Some(through);
         }
-        let (mut translucency, mut diffuse) = (None, base * opaque);
-        if effects.has_diffuse_transmission {
-            let share = finish.diffuse_transmission.clamp(0.0, 1.0);
-            let mut crosses = finish.diffuse_transmission_colour.clamp(0.0, 1.0) * (opaque * share);
-            diffuse = base * (opaque * (one - share));
-            if leaving.any() {
-                let returned = crosses * Num::splat(l, 1.0 - 1.0 / (ior * ior)).only(leaving);
-                diffuse += returned;
-                crosses = crosses - returned;
-            }
-            translucency = Some(crosses);
-        }
-        let film = match effects.has_film {
-            false => None,
+        let (translucency, diffuse) = match effects.has_diffuse_transmission {
+            false => (None, base * opaque),
             true => {
-                let strength = finish.film.clamp(0.0, 1.0).only(!leaving);
-                let thickness_nm = finish.film_thickness.clamp(0.0, MAX_THICKNESS_NM);
-                let film = Film::of(strength, thickness_nm, finish.film_ior.clamp(1.0, MAX_FILM_INDEX));
-                Some(match &transparency {
-                    None => film,
-                    Some(through) => {
-                        let opaque = one - through.share;
-                        film.on(Num::select(through.has_own_reflection() & !leaving, opaque, one))
-                    }
-                })
+                let (crosses, stays) = crossing(finish, base, opaque, ior, leaving);
+                (Some(crosses), stays)
             }
         };
-        let sheen = effects
-            .has_sheen
-            .then(|| Sheen::of(finish.sheen.clamp(0.0, 1.0), finish.sheen_roughness.clamp(0.0, 1.0)));
-        let mut coat_facets = Facets::new(finish.clearcoat_roughness.clamp(0.0, 1.0), smooth_below);
-        if let Some(shape) = coat_shape {
-            // Only one mirrored direction is possible. If the facets are smooth, it is theirs.
-            let roughness = CoatRoughness { bumps: shape.bumps, smooth_below, spread: !facets.rough };
-            coat_facets = roughness.facets(finish.clearcoat_roughness.clamp(0.0, 1.0));
-        }
+        let film = match effects.has_film {
+            false => None,
+            true => Some(finished_film(finish, &transparency, leaving)),
+        };
+        let sheen = match effects.has_sheen {
+            false => None,
+            true => Some(Sheen::of(finish.sheen.clamp(0.0, 1.0), finish.sheen_roughness.clamp(0.0, 1.0))),
+        };
+        let coat_facets = coat_facets(finish, coat_shape, &facets, smooth_below);
         Self {
             facets,
             reflection: outer.mix(&metal, metallic),
@@ -107,6 +87,61 @@ impl<L: Lanes> Principled<L> {
             coat: Some(Coat::new(finish.clearcoat.clamp(0.0, 1.0), coat_facets, CLEAR_F0)),
             stack: None,
             coat_normal: coat_shape.map(|shape| shape.normal),
+        }
+    }
+}
+
+/// The light that the diffuse base of a finish transmits, and the albedo of what it reflects.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn crossing<L: Lanes>(
+    finish: &Finish<L>,
+    base: Vector<L>,
+    opaque: Num<L>,
+    ior: f32,
+    leaving: Mask<L>,
+) -> (Vector<L>, Vector<L>) {
+    let one = Num::splat(opaque.lanes(), 1.0);
+    let share = finish.diffuse_transmission.clamp(0.0, 1.0);
+    let mut crosses = finish.diffuse_transmission_colour.clamp(0.0, 1.0) * (opaque * share);
+    let mut diffuse = base * (opaque * (one - share));
+    if leaving.any() {
+        // There are more directions inside than outside by the squared index, so some light returns.
+        let returned = crosses * (one * (1.0 - 1.0 / (ior * ior))).only(leaving);
+        diffuse += returned;
+        crosses = crosses - returned;
+    }
+    (crosses, diffuse)
+}
+
+/// The film of a finish, outside of bodies.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn finished_film<L: Lanes>(
+    finish: &Finish<L>,
+    transparency: &Option<Transparency<L>>,
+    leaving: Mask<L>,
+) -> Film<L> {
+    let strength = finish.film.clamp(0.0, 1.0).only(!leaving);
+    let thickness_nm = finish.film_thickness.clamp(0.0, MAX_THICKNESS_NM);
+    let film = Film::of(strength, thickness_nm, finish.film_ior.clamp(1.0, MAX_FILM_INDEX));
+    let Some(through) = transparency else { return film };
+    let one = Num::splat(strength.lanes(), 1.0);
+    film.on(Num::select(through.has_own_reflection() & !leaving, one - through.share, one))
+}
+
+/// The facets of a finish's coat.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn coat_facets<L: Lanes>(
+    finish: &Finish<L>,
+    shape: &Option<CoatShape<L>>,
+    below: &Facets<L>,
+    smooth_below: f32,
+) -> Facets<L> {
+    let roughness = finish.clearcoat_roughness.clamp(0.0, 1.0);
+    match shape {
+        None => Facets::new(roughness, smooth_below),
+        // Only one mirrored direction is possible. If the facets below are smooth, it is theirs.
+        Some(CoatShape { bumps, .. }) => {
+            CoatRoughness { bumps: *bumps, smooth_below, spread: !below.rough }.facets(roughness)
         }
     }
 }
