@@ -17,6 +17,7 @@ mod refusals;
 mod render;
 mod sampling;
 mod shaders;
+mod shutter;
 mod specs;
 mod tev;
 mod trace;

@@ -15,7 +15,7 @@ use std::process::Command;
 use crate::service::Service;
 
 /// Pictures, of the scene `box.json` unless they name another one.
-fn specs() -> [Value; 11] {
+fn specs() -> [Value; 12] {
     [
         json!({ "seed": 7, "max-bounces": 3, "material": "white,base-colour=0.3,0.7,0.2,roughness=0.5" }),
         json!({ "integrator": "whitted", "filter": "gaussian:2.5" }),
@@ -28,6 +28,7 @@ fn specs() -> [Value; 11] {
         json!({ "integrator": "rooms.wgsl", "region": [3, 2, 9, 7] }),
         json!({ "views": 2, "noise": 0.5, "spp": 32 }),
         json!({ "scene": "fall.gltf", "frames": "0..3", "fps": 4, "time": 0.25 }),
+        json!({ "scene": "fall.gltf", "time": 0.5, "shutter": 0.5, "shutter-steps": 4, "aov": ["depth"] }),
     ]
 }
 
