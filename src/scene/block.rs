@@ -1,7 +1,7 @@
 //! Surfaces that are computed for blocks of many hits at once, before the hits are shaded.
 
 use super::{BASE, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
-use crate::lanes::{Lanes, MAX_LANES};
+use crate::lanes::{Lanes, MAX_LANES, OutlinedTask};
 use std::fmt::Debug;
 
 /// A procedural surface that costs less for a block of many hits than for 8 or 16.
@@ -101,7 +101,22 @@ impl BlockFinishes<'_> {
     /// The finishes of a surface of these effects, one in each lane.
     #[inline(always)]
     pub fn finish<L: Lanes>(&self, l: L, effects: &Effects) -> Finish<L> {
-        Finish::read_from(l, &Source { finishes: self, lanes: L::LANES }, effects)
+        l.outlined(ReadTask { finishes: self, effects })
+    }
+}
+
+/// [`BlockFinishes::finish`] out of line: it reads dozens of columns.
+struct ReadTask<'a> {
+    finishes: &'a BlockFinishes<'a>,
+    effects: &'a Effects,
+}
+
+impl<L: Lanes> OutlinedTask<L> for ReadTask<'_> {
+    type Output = Finish<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, l: L) -> Finish<L> {
+        Finish::read_from(l, &Source { finishes: self.finishes, lanes: L::LANES }, self.effects)
     }
 }
 

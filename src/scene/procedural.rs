@@ -4,7 +4,7 @@ use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
 use super::{BlockSurface, Effects, Finish, OwnSurface, Points, Scene};
-use crate::lanes::{LaneTask, Lanes};
+use crate::lanes::{LaneTask, Lanes, OutlinedTask};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
@@ -143,8 +143,24 @@ impl ProceduralSurface {
     /// If the surface computes what its [`Effects`] do not declare.
     #[inline(always)]
     pub fn finish<L: Lanes>(&self, points: &Points<'_, L>) -> Finish<L> {
-        let finish = self.surface.finish(L::LANES, (points.scene, self.own()), &points.columns());
-        Finish::of_columns(points.lanes(), &finish)
+        points.lanes().outlined(FinishTask { surface: self, points })
+    }
+}
+
+/// [`ProceduralSurface::finish`] out of line: it copies all columns of points and finishes.
+struct FinishTask<'a, 's, L: Lanes> {
+    surface: &'a ProceduralSurface,
+    points: &'a Points<'s, L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for FinishTask<'_, '_, L> {
+    type Output = Finish<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, l: L) -> Finish<L> {
+        let Self { surface, points } = self;
+        let finish = surface.surface.finish(L::LANES, (points.scene, surface.own()), &points.columns());
+        Finish::of_columns(l, &finish)
     }
 }
 

@@ -2,13 +2,13 @@
 
 use super::geometry::{Geometry, Hits};
 use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction};
-use super::turned::turned;
+use super::turn::Turn;
 use crate::geom::Basis;
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
 use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, OwnSurface, Points, ProceduralSurface,
-    Scalar, Scene, Surface, TexturePoint, TextureRef, TriangleMesh,
+    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, OwnSurface, Points, Scalar, Scene,
+    Surface, TexturePoint, TextureRef, TriangleMesh,
 };
 use crate::stream::Hit;
 
@@ -83,15 +83,14 @@ impl<L: Lanes> Interaction<L> {
         let l = self.wo.lanes();
         let finish = match finishes {
             Some(finishes) => finishes.finish(l, surface.effects()),
-            None if surface.effects().act_before_scattering() => {
-                l.outlined(FinishTask { surface, points: self.points(scene) })
-            }
+            None if surface.effects().act_before_scattering() => surface.finish(&self.points(scene)),
             None => return,
         };
         let effects = surface.effects();
         if effects.has_normals || effects.has_anisotropy {
             let old = self.basis;
-            let (basis, changed) = turned(&old, &finish, effects, (self.normal, self.wo));
+            let turn = Turn { old, finish: &finish, effects, triangle: self.normal, wo: self.wo };
+            let (basis, changed) = l.outlined(turn);
             self.basis = basis;
             if let Some(coat) = &mut self.coat {
                 coat.normal = Vector::select(changed, basis.local(old.world(coat.normal)), coat.normal);
@@ -222,21 +221,6 @@ impl<L: Lanes> Interaction<L> {
     pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
         let below = wi.dot(self.normal).below(0.0);
         self.origin(Vector::select(below, self.position, self.raised), wi)
-    }
-}
-
-/// [`ProceduralSurface::finish`] out of line: few surfaces need it before they scatter light.
-struct FinishTask<'a, L: Lanes> {
-    surface: &'a ProceduralSurface,
-    points: Points<'a, L>,
-}
-
-impl<L: Lanes> OutlinedTask<L> for FinishTask<'_, L> {
-    type Output = Finish<L>;
-
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn run(self, _: L) -> Finish<L> {
-        self.surface.finish(&self.points)
     }
 }
 

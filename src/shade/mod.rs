@@ -22,7 +22,7 @@ pub mod single;
 mod sort;
 #[cfg(test)]
 mod tests;
-mod turned;
+mod turn;
 
 pub use crate::scene::lookup;
 pub use arena::ArenaUse;
