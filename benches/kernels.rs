@@ -9,7 +9,7 @@ use raystream::bvh::Bvh;
 use raystream::film::Film;
 use raystream::geom::{Sampler, warp};
 use raystream::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
-use raystream::scene::{Camera, Finish, generate};
+use raystream::scene::{Camera, Effects, Finish, generate};
 use raystream::shade::Bsdf;
 use raystream::shade::bsdf::{Matte, Principled, Smoothness};
 use raystream::stream::{Hit, Ray, Tracer};
@@ -164,21 +164,11 @@ mod bsdf {
         fn run<L: Lanes>(self, l: L) -> f32 {
             let number = Num::splat(l, 0.5);
             let bsdf = if self.is_principled {
-                let (colour, metallic, roughness, clearcoat) = (Vector::grey(number), number, number, number);
-                let (black, one) = (Vector::zero(l), Num::splat(l, 1.0));
-                let (transmission, emission, opacity, normal) = (Num::zero(l), black, one, black);
-                let finish = Finish {
-                    colour,
-                    metallic,
-                    roughness,
-                    clearcoat,
-                    transmission,
-                    emission,
-                    opacity,
-                    normal,
-                };
-                let outside = Mask::splat(l, true);
-                Bsdf::Principled(Principled::finished(&finish, None, outside, Smoothness::EXACT))
+                let [metallic, roughness, clearcoat] = [number; 3];
+                let matte = Finish::around(Vector::zero(l));
+                let finish = Finish { colour: Vector::grey(number), metallic, roughness, clearcoat, ..matte };
+                let (effects, outside) = (Effects::default(), Mask::splat(l, true));
+                Bsdf::Principled(Principled::finished(&finish, &effects, &None, outside, Smoothness::EXACT))
             } else {
                 Bsdf::Matte(Matte { reflectance: Vector::grey(number) })
             };

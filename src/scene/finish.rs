@@ -125,7 +125,13 @@ macro_rules! finish {
             /// All fields at their defaults: an opaque white dielectric of roughness 1 without a coat.
             #[inline(always)]
             pub fn matte(points: &Points<'_, L>) -> Self {
-                Self { $($name: default!(value, $default, points.lanes(), points.normal),)* }
+                Self::around(points.normal)
+            }
+
+            /// [`Finish::matte`] around a shading normal.
+            #[inline(always)]
+            pub fn around(normal: Vector<L>) -> Self {
+                Self { $($name: default!(value, $default, normal.lanes(), normal),)* }
             }
 
             #[inline(always)]

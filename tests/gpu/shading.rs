@@ -7,8 +7,8 @@ use raystream::program::gpu::GpuProgram;
 use raystream::program::{BsdfShader, PatternShader};
 use raystream::render::Settings;
 use raystream::scene::{
-    Camera, Finish, Points, Procedural, ProceduralSurface, Scattered, Scattering, ScatteringSurface, Scene,
-    load,
+    Camera, FINISH_FIELDS, Finish, POINT_FIELDS, Points, Procedural, ProceduralSurface, Scattered,
+    Scattering, ScatteringSurface, Scene, load,
 };
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use std::fmt::{Debug, Formatter};
@@ -78,6 +78,8 @@ fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     scalars.push(at.footprint().to_bits());
     scalars.extend(vector(at.vertex_colour()));
     scalars.extend([at.vertex_alpha().to_bits(), at.object()]);
+    scalars.extend(at.uv1().map(Num::to_bits));
+    assert_eq!(scalars.len(), POINT_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
     scalars
 }
 
@@ -88,32 +90,25 @@ impl Procedural for Noting<PatternShader> {
 
     fn finish<L: Lanes>(&self, at: &Points<L>) -> Finish<L> {
         let finish = self.surface.finish(at);
-        let Finish {
-            colour: c,
-            metallic,
-            roughness,
-            clearcoat,
-            transmission,
-            emission: e,
-            opacity,
-            normal: n,
-        } = finish;
+        let f = &finish;
+        let three = |v: Vector<L>| [v.x, v.y, v.z];
+        // In the order of `FINISH_FIELDS`.
         let scalars = [
-            c.x,
-            c.y,
-            c.z,
-            metallic,
-            roughness,
-            clearcoat,
-            transmission,
-            e.x,
-            e.y,
-            e.z,
-            opacity,
-            n.x,
-            n.y,
-            n.z,
-        ];
+            &three(f.colour)[..],
+            &[f.metallic, f.roughness, f.clearcoat, f.transmission],
+            &three(f.emission),
+            &[f.opacity],
+            &three(f.normal),
+            &[f.specular],
+            &three(f.specular_tint),
+            &[f.reflectance, f.clearcoat_roughness, f.anisotropy],
+            &three(f.rough_direction),
+            &three(f.sheen),
+            &[f.sheen_roughness, f.film, f.film_thickness, f.film_ior, f.diffuse_transmission],
+            &three(f.diffuse_transmission_colour),
+        ]
+        .concat();
+        assert_eq!(scalars.len(), FINISH_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
         self.note(&point(at), 0, &scalars);
         finish
     }
