@@ -5,7 +5,7 @@ use super::operation::CHUNK;
 use super::run::{Columns, run_alone, run_alone_in};
 use super::source::{Fault, ShaderError, Source, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
-use crate::scene::{BASE, BlockColumns, FINISH, FieldType, POINT_FIELDS, PointSink};
+use crate::scene::{BASE, BlockColumns, FieldType, POINT_FIELDS, PointSink, SurfaceField};
 use crate::stream::stop_job;
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -90,7 +90,7 @@ impl Kernel {
     /// [`Kernel::inputs`] of a pattern, whose inputs behind the point are the finish of its material.
     pub fn inputs_over_material(&self) -> PointInputs {
         let mut inputs = self.inputs();
-        inputs.registers.resize(BlockColumns::POINT + FINISH, None);
+        inputs.registers.resize(BlockColumns::POINT + BlockColumns::FINISH, None);
         for &(scalar, register) in &self.code.inputs {
             if scalar as usize >= BlockColumns::POINT {
                 inputs.wanted |= BASE;
@@ -202,4 +202,9 @@ impl Signature {
         }
         Ok(handle)
     }
+}
+
+/// The first of a field's scalars, counted over all fields; their number if there is no such field.
+pub(super) fn first_scalar(fields: &[SurfaceField], name: &str) -> usize {
+    fields.iter().take_while(|field| field.name != name).map(|field| field.kind.numbers()).sum()
 }

@@ -2,7 +2,7 @@
 
 #[cfg(feature = "gpu")]
 use super::device::Program;
-use super::kernel::{Kernel, PointInputs, Signature, write};
+use super::kernel::{Kernel, PointInputs, Signature, first_scalar, write};
 use super::loaded::Loaded;
 use super::lower::{Base, Lowered, Output};
 use super::operation::CHUNK;
@@ -12,7 +12,7 @@ use super::source::{Fault, ShaderError, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
     BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, OwnSurface, POINT_FIELDS,
-    Points, Procedural, ProceduralSurface, Transmission, first_scalar, scalars_read,
+    Points, Procedural, ProceduralSurface, Transmission,
 };
 use naga::Span;
 use std::fmt;
@@ -128,7 +128,7 @@ impl PatternShader {
             block: computes.then_some(BLOCK),
             kernel,
             effects,
-            read: scalars_read(&effects),
+            read: BlockColumns::computed(&effects),
             over: asks_base.then(|| Arc::clone(loaded)),
         })
     }

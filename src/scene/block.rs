@@ -34,21 +34,21 @@ const fn scalars(fields: &[SurfaceField]) -> usize {
     scalars
 }
 
-/// Scalars of finishes.
-pub(crate) const FINISH: usize = scalars(FINISH_FIELDS);
-
 impl BlockColumns {
     /// Scalars of points.
     pub const POINT: usize = scalars(POINT_FIELDS);
 
+    /// Scalars of finishes.
+    pub const FINISH: usize = scalars(FINISH_FIELDS);
+
     /// Makes room for the fields of points that are wanted: see [`BlockSurface::wanted`].
     pub fn for_points(&mut self, wanted: u64, block: usize) {
-        self.resize(Self::POINT + if wanted & BASE != 0 { FINISH } else { 0 }, block);
+        self.resize(Self::POINT + if wanted & BASE != 0 { Self::FINISH } else { 0 }, block);
     }
 
     /// Makes room for finishes.
     pub fn for_finishes(&mut self, block: usize) {
-        self.resize(FINISH, block);
+        self.resize(Self::FINISH, block);
     }
 
     fn resize(&mut self, scalars: usize, block: usize) {

@@ -1,7 +1,7 @@
 //! The finish that a procedural surface computes.
 
 use super::erased_lanes::{LaneColumns, LaneValue};
-use super::{Effects, FieldType, PointSink, Points, SurfaceField};
+use super::{BlockColumns, Effects, FieldType, PointSink, Points, SurfaceField};
 use crate::lanes::{Lanes, MAX_LANES, Mask, Num, Vector};
 
 /// The default of a field: its value in lanes, or its text.
@@ -101,18 +101,21 @@ macro_rules! finish {
             default: default!(text, $default), is_computed: false, doc: $doc,
         },)*];
 
-        /// The scalars that [`Finish::read_from`] reads.
-        pub(crate) fn scalars_read(effects: &Effects) -> Vec<usize> {
-            let (mut read, mut scalar) = (Vec::new(), 0);
-            $(
-                let end = scalar + FieldType::$kind.numbers();
-                if true $(&& effects.$declared)? {
-                    read.extend(scalar..end);
-                }
-                scalar = end;
-            )*
-            debug_assert!(scalar >= read.len());
-            read
+        impl BlockColumns {
+            /// The scalars of finishes that surfaces of these effects must compute: those of all fields that are not
+            /// declared by a layer, and of the layers that are.
+            pub fn computed(effects: &Effects) -> Vec<usize> {
+                let (mut computed, mut scalar) = (Vec::new(), 0);
+                $(
+                    let end = scalar + FieldType::$kind.numbers();
+                    if true $(&& effects.$declared)? {
+                        computed.extend(scalar..end);
+                    }
+                    scalar = end;
+                )*
+                debug_assert!(scalar >= computed.len());
+                computed
+            }
         }
 
         /// The fields of [`Finish`] as columns.

@@ -52,7 +52,6 @@ mod texture;
 mod texture_point;
 mod validate;
 
-pub(crate) use block::FINISH;
 pub use block::{BlockColumns, BlockFinishes, BlockSurface};
 pub(crate) use camera::Pinhole;
 pub use camera::{
@@ -71,8 +70,8 @@ pub use coded_surface::{CodedSurface, GiveSurfaceError, NoSuchMaterial, SurfaceR
 pub use effects::{Effects, Transmission};
 pub use environment::{Environment, EnvironmentMap};
 pub use fingerprint::FINGERPRINT_VERSION;
+pub(crate) use finish::FinishSource;
 pub use finish::{FINISH_FIELDS, Finish};
-pub(crate) use finish::{FinishSource, scalars_read};
 pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
@@ -94,7 +93,6 @@ pub use principled::{Anisotropy, DiffuseTransmission, Iridescence, Principled, S
 pub use procedural::{Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub use shared::Shared;
-pub(crate) use surface_field::first_scalar;
 pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};

@@ -60,11 +60,6 @@ pub struct SurfaceField {
     pub doc: &'static str,
 }
 
-/// The first of a field's scalars, counted over all fields; their number if there is no such field.
-pub(crate) fn first_scalar(fields: &[SurfaceField], name: &str) -> usize {
-    fields.iter().take_while(|field| field.name != name).map(|field| field.kind.numbers()).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use crate::scene::{FINISH_FIELDS, POINT_FIELDS, SurfaceField};

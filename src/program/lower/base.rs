@@ -1,8 +1,9 @@
 //! Calls of `base`: the finish of the material that has the shader. Its scalars are inputs behind those of the point.
 
 use super::{Lowerer, Scalar, Value};
+use crate::program::kernel::first_scalar;
 use crate::program::source::Fault;
-use crate::scene::{BlockColumns, POINT_FIELDS, first_scalar};
+use crate::scene::{BlockColumns, POINT_FIELDS};
 use naga::{Function, Handle, Span};
 use std::rc::Rc;
 
