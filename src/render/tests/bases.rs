@@ -11,6 +11,9 @@ use crate::scene::{
 };
 use std::sync::Arc;
 
+/// A change of a native surface.
+type Edit<'a> = &'a dyn Fn(&mut crate::scene::Principled);
+
 const SETTINGS: Settings = Settings::new(32, 32).with_spp(8).with_max_bounces(3);
 
 const SAME: &str = "fn pattern(at: Point) -> Finish { return base(at); }";
@@ -142,7 +145,7 @@ fn only_what_the_material_has_is_computed() {
 #[test]
 fn layers_that_a_pattern_sets_are_those_of_native_materials() {
     let scene = one_of_everything();
-    let native = |edit: &dyn Fn(&mut crate::scene::Principled)| {
+    let native = |edit: Edit<'_>| {
         let mut all = scene.clone();
         let material = all.materials.len();
         all.materials.push(principled(edit));
@@ -150,7 +153,7 @@ fn layers_that_a_pattern_sets_are_those_of_native_materials() {
         all
     };
     let bare = native(&|of| of.roughness = Scalar::constant(0.5));
-    let cases: [(&str, &dyn Fn(&mut crate::scene::Principled)); 5] = [
+    let cases: [(&str, Edit<'_>); 5] = [
         ("f.sheen = vec3f(0.8, 0.4, 0.2); f.sheen_roughness = 0.3;", &|of| {
             let colour = crate::scene::Colour::constant(glam::Vec3::new(0.8, 0.4, 0.2));
             of.sheen = Some(crate::scene::Sheen { colour, roughness: Scalar::constant(0.3) });
