@@ -70,10 +70,10 @@ const FUNCTIONS: [(&str, Reference, [f64; 2], f64); 20] = [
 #[test]
 fn functions_of_numbers_are_exact_enough() {
     for (name, reference, [low, high], most) in FUNCTIONS {
+        let function = Computed::new("", &format!("{name}(x)"));
         for i in 0..=200 {
             let x = (low + (high - low) * f64::from(i) / 200.0) as f32;
-            let (found, expected) =
-                (value("", &format!("{name}(x)"), [x, 0.0, 0.0]), reference(f64::from(x)));
+            let (found, expected) = (function.at([x, 0.0, 0.0]), reference(f64::from(x)));
             let error = (f64::from(found) - expected).abs() / expected.abs().max(0.02);
             assert!(error <= most, "{name}({x}) = {found}, {expected} expected");
         }

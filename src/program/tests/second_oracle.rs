@@ -16,6 +16,9 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Programs of the corpus.
 const PROGRAMS: u32 = 240;
 
+/// Without results of the second oracle, one of so many programs is computed.
+const SHARE: u32 = 3;
+
 /// The points at which each is computed. The results in `second_oracle.txt` are of so many.
 const POINTS: u32 = 128;
 
@@ -85,22 +88,25 @@ fn programs_have_the_bits_of_a_second_oracle() {
         return write(&folder);
     }
     let from = folder("RAYSTREAM_RESULTS_FROM");
-    let (points, mut lines) = (points(), FOUND.lines());
+    let (points, lines) = (points(), Vec::from_iter(FOUND.lines()));
+    assert_eq!(lines.len(), PROGRAMS as usize);
     let (levels, mut varied) = (SimdLevel::available(), 0);
-    for number in 0..PROGRAMS {
+    let share = if from.is_some() { 1 } else { SHARE };
+    for number in (0..PROGRAMS).filter(|number| number.is_multiple_of(share)) {
         let text = program(number);
         let code = lowered(&parsed(&text), &text);
         // The levels take turns; `generated` runs each program at all of them.
-        let level = levels[number as usize % levels.len()];
+        let level = levels[(number / share) as usize % levels.len()];
         let results = executed(&code, level, BLOCK, &points);
         varied += usize::from(results[1..].iter().any(|of_point| *of_point != results[0]));
         if let Some(folder) = &from {
             compare(folder, number, &results, &text);
         }
         let line = format!("{:016x} {:016x}", xxh3_64(text.as_bytes()), hash(&results));
-        let found = lines.next().unwrap_or_default();
-        assert_eq!(line, found, "program {number}, {level}: tests/second_oracle/run tells more\n{text}");
+        assert_eq!(
+            line, lines[number as usize],
+            "program {number}, {level}: tests/second_oracle/run tells more\n{text}"
+        );
     }
-    assert_eq!(lines.next(), None);
-    assert!(varied > 200, "results depend on points");
+    assert!(varied as u32 * share > 200, "results depend on points");
 }
