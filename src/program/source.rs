@@ -39,6 +39,9 @@ impl Fault {
     }
 }
 
+/// Characters of a line that an error shows.
+const EXCERPT: usize = 100;
+
 /// Error of a shader. The message names file, line and column, shows the line, and says what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -282,18 +285,48 @@ fn error(file: &str, own: &str, range: Option<Range<usize>>, message: String, re
     let line_start = own[..start].rfind('\n').map_or(0, |at| at + 1);
     let line_end = own[start..].find('\n').map_or(own.len(), |at| start + at);
     let end = floor_boundary(own, range.end.min(line_end)).max(start);
-    let shown = |text: &str| text.replace(|c: char| c.is_control(), " ");
     error.line = line_of(own, start);
     error.column = own[line_start..start].chars().count() as u32 + 1;
     let number = error.line.to_string();
     let margin = " ".repeat(number.len());
-    error.excerpt = format!(
-        "{margin} |\n{number} | {}\n{margin} | {}{}",
-        shown(&own[line_start..line_end]),
-        " ".repeat(own[line_start..start].chars().count()),
-        "^".repeat(own[start..end].chars().count().max(1)),
-    );
+    let marked = error.column as usize - 1..error.column as usize - 1 + own[start..end].chars().count();
+    let (line, marks) = excerpt(&own[line_start..line_end], marked);
+    error.excerpt = format!("{margin} |\n{number} | {line}\n{margin} | {marks}");
     error
+}
+
+/// The part of a line around some of its characters, and marks below these. Of a long line, as generated files have,
+/// [`EXCERPT`] characters are shown.
+fn excerpt(line: &str, marked: Range<usize>) -> (String, String) {
+    const CUT: &str = "...";
+    let shown: Vec<char> = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let first = match shown.len() > EXCERPT {
+        true => marked.start.saturating_sub(EXCERPT / 2).min(shown.len() - EXCERPT),
+        false => 0,
+    };
+    let last = shown.len().min(first + EXCERPT);
+    let cut = |is_cut| if is_cut { CUT } else { "" };
+    let before = cut(first > 0);
+    let text = String::from_iter(&shown[first..last]);
+    let marks = marked.end.min(last).saturating_sub(marked.start).max(1);
+    (
+        format!("{before}{text}{}", cut(last < shown.len())),
+        format!("{}{}", " ".repeat(before.len() + marked.start - first), "^".repeat(marks)),
+    )
+}
+
+#[test]
+fn long_lines_are_cut_around_the_marks() {
+    assert_eq!(excerpt("let a = b;", 8..9), ("let a = b;".into(), "        ^".into()));
+    let long = format!("{}wrong{}", "ä".repeat(500), "é".repeat(500));
+    let (line, marks) = excerpt(&long, 500..505);
+    assert_eq!(line.chars().count(), EXCERPT + 6);
+    let below: String =
+        line.chars().zip(marks.chars()).filter(|&(_, mark)| mark == '^').map(|(c, _)| c).collect();
+    assert_eq!(below, "wrong");
+    let (line, marks) = excerpt(&long, 1005..1005);
+    assert!(line.starts_with("...é") && line.ends_with('é'), "{line}");
+    assert_eq!(marks.chars().count(), line.chars().count() + 1, "behind the end");
 }
 
 /// The greatest character boundary that is not behind a byte.

@@ -44,6 +44,7 @@ mod procedural;
 #[cfg(feature = "formats")]
 pub mod recipe;
 mod scattering;
+mod scattering_report;
 mod shared;
 mod srgb;
 mod studio;
@@ -92,6 +93,7 @@ pub use points::{POINT_FIELDS, Points};
 pub use principled::{Anisotropy, DiffuseTransmission, Iridescence, Principled, Sheen};
 pub use procedural::{Procedural, ProceduralSurface};
 pub use scattering::{Scattered, Scattering, ScatteringSurface};
+pub use scattering_report::{Direction, ScatteringFault, ScatteringReport};
 pub use shared::Shared;
 pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;

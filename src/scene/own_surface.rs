@@ -26,7 +26,7 @@ impl OwnSurface {
             }
             _ => material.principled()?,
         };
-        let has_own_coat = surface.has_coats() && surface.coat_normal_map != material.normal_map;
+        let has_own_coat = surface.has_own_coat(material.normal_map.as_ref());
         Some(Self { surface, has_own_coat, has_bumps: material.normal_map.is_some() })
     }
 

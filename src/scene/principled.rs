@@ -115,6 +115,12 @@ impl Principled {
         self.clearcoat.factor != 0.0 || !self.coats.is_empty()
     }
 
+    /// True if the surface has coats that do not share the material's normals.
+    #[inline]
+    pub fn has_own_coat(&self, normals: Option<&NormalMap>) -> bool {
+        self.has_coats() && self.coat_normal_map.as_ref() != normals
+    }
+
     /// Rough glass that bounds a closed body. Each crossing multiplies light by `tint`.
     pub fn glass(ior: f32, tint: Vec3, roughness: Scalar) -> Self {
         Self {

@@ -298,7 +298,7 @@ impl<'a> Maps<'a> {
         let Some(surface) = surface else {
             return Self { normal, anisotropy: rough, coat: None, set: sets.unwrap_or(0) };
         };
-        let own_coat = surface.has_coats() && surface.coat_normal_map != material.normal_map;
+        let own_coat = surface.has_own_coat(material.normal_map.as_ref());
         let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
         let anisotropy = surface.anisotropy.as_ref().or(rough);
         if sets.is_none() {

@@ -3,7 +3,7 @@
 use super::patterns::point_at;
 use crate::lanes::{Num, SingleLane, Vector};
 use crate::program::BsdfShader;
-use crate::scene::{Scattered, Scattering, Scene};
+use crate::scene::{Scattered, Scattering, ScatteringSurface, Scene};
 
 const COUNTING: &str = "
     var<private> count: f32 = 1.0;
@@ -36,6 +36,19 @@ fn functions_get_their_arguments_and_begin_with_the_initial_values_of_variables(
         let Scattered { wi, weight, pdf } = shader.sample(&at, wo, n(0.125), [n(0.375), n(0.625)]);
         assert_eq!(numbers(wi), [0.375, 0.625, 0.25]);
         assert_eq!((numbers(weight), pdf.get()), ([left, 1.125, position[1]], 7.0));
+    }
+}
+
+#[test]
+fn shipped_bsdfs_break_no_promise() {
+    for (name, text) in [
+        ("velvet.wgsl", include_str!("../../../scenes/shaders/velvet.wgsl")),
+        ("dust.wgsl", include_str!("../../../scenes/shaders/dust.wgsl")),
+    ] {
+        let shader = BsdfShader::load(name, text, []).unwrap_or_else(|error| panic!("{error}"));
+        let report = ScatteringSurface::new(shader).measure();
+        assert_eq!(report.faults, [], "{name}");
+        assert!(report.albedo[0] > 0.0 && report.albedo[1] < 1.0, "{name}: {:?}", report.albedo);
     }
 }
 

@@ -69,36 +69,38 @@ impl Hull {
     fn ball(points: u64) -> &'static Self {
         if points > MOST_FINE { &COARSE } else { &FINE }
     }
-
-    /// A tube along a direction. The first half of its vertices lies around its beginning, the other around its end.
-    fn tube(direction: DVec3) -> Self {
-        const HALF_ROOT: f64 = 0.866_025_403_784_438_6;
-        let (x, y) = direction.any_orthonormal_pair();
-        let around = [
-            (1.0, 0.0),
-            (0.5, HALF_ROOT),
-            (-0.5, HALF_ROOT),
-            (-1.0, 0.0),
-            (-0.5, -HALF_ROOT),
-            (0.5, -HALF_ROOT),
-        ];
-        let ring = around.map(|(a, b): (f64, f64)| (x * a + y * b).as_vec3());
-        let end = |tip: DVec3| ring.into_iter().chain([tip.as_vec3()]);
-        let vertices = end(-direction).chain(end(direction)).collect();
-        let mut triangles = Vec::new();
-        let (begin, end) = (0, SIDES as u32 + 1);
-        for side in 0..SIDES as u32 {
-            let next = (side + 1) % SIDES as u32;
-            triangles.extend([
-                [begin + SIDES as u32, begin + next, begin + side],
-                [begin + side, begin + next, end + side],
-                [end + side, begin + next, end + next],
-                [end + side, end + next, end + SIDES as u32],
-            ]);
-        }
-        Self { vertices, triangles }
-    }
 }
+
+/// The vertices of a tube: a half around its beginning, the other around its end, each with the tip as its last.
+const TUBE_VERTICES: usize = 2 * (SIDES + 1);
+
+/// Unit vectors from the ends of a line along a direction to the vertices of its tube.
+fn tube(direction: DVec3) -> [Vec3; TUBE_VERTICES] {
+    const HALF_ROOT: f64 = 0.866_025_403_784_438_6;
+    const AROUND: [(f64, f64); SIDES] =
+        [(1.0, 0.0), (0.5, HALF_ROOT), (-0.5, HALF_ROOT), (-1.0, 0.0), (-0.5, -HALF_ROOT), (0.5, -HALF_ROOT)];
+    let (x, y) = direction.any_orthonormal_pair();
+    std::array::from_fn(|vertex| match (vertex / (SIDES + 1), vertex % (SIDES + 1)) {
+        (0, SIDES) => (-direction).as_vec3(),
+        (_, SIDES) => direction.as_vec3(),
+        (_, side) => (x * AROUND[side].0 + y * AROUND[side].1).as_vec3(),
+    })
+}
+
+/// The triangles of a tube.
+const TUBE_TRIANGLES: [[u32; 3]; 4 * SIDES] = {
+    let (mut triangles, mut side) = ([[0; 3]; 4 * SIDES], 0);
+    let (tip, end) = (SIDES as u32, SIDES as u32 + 1);
+    while side < tip {
+        let (next, first) = ((side + 1) % tip, 4 * side as usize);
+        triangles[first] = [tip, next, side];
+        triangles[first + 1] = [side, next, end + side];
+        triangles[first + 2] = [end + side, next, end + next];
+        triangles[first + 3] = [end + side, end + next, end + tip];
+        side += 1;
+    }
+    triangles
+};
 
 /// The size of the balls or tubes of so many points or lines.
 pub(super) fn size_of_points(points: u64) -> MeshSize {
@@ -111,7 +113,8 @@ pub(super) fn size_of_points(points: u64) -> MeshSize {
 /// The size of the tubes of so many lines.
 #[cfg(feature = "formats")]
 pub(super) fn size_of_lines(lines: u64) -> MeshSize {
-    let [vertices, triangles] = [2 * (SIDES + 1), 4 * SIDES].map(|each| lines.saturating_mul(each as u64));
+    let [vertices, triangles] =
+        [TUBE_VERTICES, TUBE_TRIANGLES.len()].map(|each| lines.saturating_mul(each as u64));
     MeshSize { vertices, triangles, normals: true, ..MeshSize::default() }
 }
 
@@ -137,24 +140,24 @@ impl Strokes {
             let places = [from, to].map(|end| positions[end as usize]);
             let base = mesh.positions.len() as u32;
             let direction = (places[1].as_dvec3() - places[0].as_dvec3()).try_normalize();
-            let tube = direction.map(Hull::tube);
-            let hull = match &tube {
-                Some(tube) => {
+            let tube = direction.map(tube);
+            let (vertices, triangles) = match &tube {
+                Some(vertices) => {
                     self.tubes += 1;
-                    tube
+                    (&vertices[..], &TUBE_TRIANGLES[..])
                 }
                 None => {
                     self.balls += 1;
-                    ball
+                    (&ball.vertices[..], &ball.triangles[..])
                 }
             };
             let is_end = |vertex: usize| tube.is_some() && vertex > SIDES;
-            for (vertex, &normal) in hull.vertices.iter().enumerate() {
+            for (vertex, &normal) in vertices.iter().enumerate() {
                 mesh.positions.push(places[usize::from(is_end(vertex))]);
                 mesh.normals.push(normal);
                 stands_for.push(if is_end(vertex) { to } else { from });
             }
-            mesh.triangles.extend(hull.triangles.iter().map(|triangle| triangle.map(|vertex| base + vertex)));
+            mesh.triangles.extend(triangles.iter().map(|triangle| triangle.map(|vertex| base + vertex)));
         }
         self.vertices.push(first..mesh.positions.len());
         stands_for
@@ -202,33 +205,33 @@ mod tests {
     use std::collections::BTreeMap;
 
     /// Checks that each edge has two triangles, one in each direction, and that all look outward.
-    fn assert_closed(hull: &Hull, thickness: &[Vec3]) {
+    fn assert_closed(vertices: &[Vec3], triangles: &[[u32; 3]], thickness: &[Vec3]) {
         let mut edges = BTreeMap::new();
-        for &[a, b, c] in &hull.triangles {
+        for &[a, b, c] in triangles {
             for edge in [[a, b], [b, c], [c, a]] {
                 assert!(edges.insert(edge, ()).is_none(), "{edge:?} twice");
             }
             let [p, q, r] = [a, b, c].map(|vertex| thickness[vertex as usize]);
             let normal = (q - p).cross(r - p);
             for vertex in [a, b, c] {
-                assert!(normal.dot(hull.vertices[vertex as usize]) > 0.0, "{a} {b} {c}");
+                assert!(normal.dot(vertices[vertex as usize]) > 0.0, "{a} {b} {c}");
             }
         }
         assert!(edges.keys().all(|&[a, b]| edges.contains_key(&[b, a])));
-        assert!(hull.vertices.iter().all(|vertex| (vertex.length() - 1.0).abs() < 1.0e-6));
+        assert!(vertices.iter().all(|vertex| (vertex.length() - 1.0).abs() < 1.0e-6));
     }
 
     #[test]
     fn balls_and_tubes_are_closed_and_look_outward() {
         for (ball, counts) in [(&FINE, (12, 20)), (&COARSE, (6, 8))] {
-            assert_closed(ball, &ball.vertices);
+            assert_closed(&ball.vertices, &ball.triangles, &ball.vertices);
             assert_eq!((ball.vertices.len(), ball.triangles.len()), counts);
         }
         for direction in [DVec3::X, DVec3::NEG_Y, DVec3::Z, DVec3::new(0.6, -0.48, 0.64)] {
-            let tube = Hull::tube(direction);
+            let tube = tube(direction);
             let place = |vertex: usize| if vertex > SIDES { direction.as_vec3() * 3.0 } else { Vec3::ZERO };
-            let placed: Vec<Vec3> = (0..tube.vertices.len()).map(|v| tube.vertices[v] + place(v)).collect();
-            assert_closed(&tube, &placed);
+            let placed: Vec<Vec3> = (0..tube.len()).map(|v| tube[v] + place(v)).collect();
+            assert_closed(&tube, &TUBE_TRIANGLES, &placed);
         }
     }
 

@@ -72,6 +72,50 @@ fn shipped_shaders_are_valid_and_list_their_parameters() {
     assert!(prelude.contains("fn noise(p: vec3f) -> f32") && prelude.contains("struct Finish"), "{prelude}");
 }
 
+/// A BSDF whose colour, density and dependence on `wo` are given.
+fn bsdf(colour: &str, density: &str, lean: &str) -> String {
+    format!(
+        "struct State {{ colour: vec3f }}
+fn prepare(at: Point) -> State {{ return State({colour}); }}
+fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe {{
+    let pdf = cosine_hemisphere_pdf(wi.z);
+    return Lobe(s.colour * (pdf * {lean}), pdf * {density});
+}}
+fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {{
+    let wi = cosine_hemisphere(u2);
+    return scattered(wi, evaluate(s, wo, wi));
+}}
+"
+    )
+}
+
+#[test]
+fn bsdfs_that_break_a_promise_are_named() {
+    let folder = folder();
+    let folder = folder.path();
+    let zero = "vec3f(0.8) / (at.uv.x - at.uv.x)";
+    for (name, text, says) in [
+        ("light", bsdf("vec3f(3.0)", "1.0", "1.0"), "it makes light: 3.0"),
+        ("density", bsdf("vec3f(0.8)", "0.5", "1.0"), "`sample` does not follow its density"),
+        ("one_way", bsdf("vec3f(0.8)", "1.0", "wi.z"), "it is not reciprocal"),
+        ("nan", bsdf(zero, "1.0", "1.0"), "`sample` gives inf"),
+    ] {
+        let file = format!("{name}.wgsl");
+        std::fs::write(folder.join(&file), text).expect("written");
+        let error = run(folder, &["shaders", "check", &file], 2);
+        assert!(error.contains(&format!("{file}: {says}")), "{error}");
+    }
+    std::fs::write(folder.join("white.wgsl"), bsdf("vec3f(1.0)", "1.0", "1.0")).expect("written");
+    let text = run(folder, &["shaders", "check", "white.wgsl", "--furnace", "new/white.npy"], 0);
+    assert!(text.contains("of light from everywhere, ") && text.contains("1.00"), "{text}");
+    let bytes = std::fs::read(folder.join("new/white.npy")).expect("a picture");
+    let ball: Vec<f32> = npyz::NpyFile::new(&bytes[..]).expect("header").into_vec().expect("data");
+    let mean = ball.iter().sum::<f32>() / ball.len() as f32;
+    assert!((mean - 0.5).abs() < 2e-3, "the ball does not vanish: {mean}");
+    let two = run(folder, &["shaders", "check", "white.wgsl", "nan.wgsl", "--furnace", "b.png"], 2);
+    assert!(two.contains("of one file"), "{two}");
+}
+
 #[test]
 fn scenes_and_the_command_line_name_shaders_and_set_their_parameters() {
     let folder = folder();
