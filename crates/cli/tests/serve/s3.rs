@@ -16,18 +16,18 @@ use tokio::runtime::Runtime;
 use ureq::Agent;
 use ureq::http::{Request, Response};
 
-const KEY: &str = "a-key";
-const SECRET: &str = "a-secret";
+pub const KEY: &str = "a-key";
+pub const SECRET: &str = "a-secret";
 
 /// A server of S3 with one bucket, which lies in a folder.
-struct Server {
+pub struct Server {
     folder: TempDir,
-    address: SocketAddr,
+    pub address: SocketAddr,
     runtime: Option<Runtime>,
 }
 
 impl Server {
-    fn start() -> Self {
+    pub fn start() -> Self {
         let folder = folder();
         std::fs::create_dir(folder.path().join("bucket")).expect("a bucket");
         let mut server = Self { folder, address: ([127, 0, 0, 1], 0).into(), runtime: None };
@@ -64,12 +64,12 @@ impl Server {
     }
 
     /// The file of an object.
-    fn object(&self, name: &str) -> PathBuf {
+    pub fn object(&self, name: &str) -> PathBuf {
         self.folder.path().join("bucket/farm").join(name)
     }
 
     /// The names of objects below a folder.
-    fn objects(&self, name: &str) -> Vec<String> {
+    pub fn objects(&self, name: &str) -> Vec<String> {
         fn collect(root: &Path, folder: &Path, names: &mut Vec<String>) {
             for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 let path = entry.path();
@@ -109,15 +109,15 @@ impl Drop for Server {
     }
 }
 
-fn small(seed: u32) -> Value {
+pub fn small(seed: u32) -> Value {
     json!({ "size": "16x12", "spp": 2, "seed": seed })
 }
 
-fn sha256(bytes: &[u8]) -> String {
+pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+pub fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_so() {
         assert!(began.elapsed() < PATIENCE, "{what}");
@@ -154,12 +154,12 @@ fn plain_with(method: &str, url: &str, token: Option<&str>, sum: Option<&str>, b
     Answer { status, headers, body: answer.body_mut().read_to_vec().expect("a body") }
 }
 
-fn detail(answer: &Answer) -> String {
+pub fn detail(answer: &Answer) -> String {
     answer.json()["detail"].as_str().expect("a detail").to_owned()
 }
 
 /// The files below a folder of the data folder.
-fn copies(data: &Path, kind: &str) -> usize {
+pub fn copies(data: &Path, kind: &str) -> usize {
     let entries = |folder: &Path| -> Vec<PathBuf> {
         std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
     };
