@@ -72,6 +72,8 @@ pub(super) fn connect(
     let _ = rustls::crypto::ring::default_provider().install_default();
     let mut client = ClientOptions::new().with_connect_timeout(CONNECT).with_timeout(options.timeout);
     if let Some(ca) = &options.ca {
+        // They take the place of the system's, as everywhere.
+        client = client.with_no_system_certificates(true);
         let failed = |error: &dyn std::fmt::Display| format!("{}: {error}", ca.display());
         let text = std::fs::read(ca).map_err(|error| failed(&error))?;
         for certificate in Certificate::from_pem_bundle(&text).map_err(|error| failed(&error))? {
