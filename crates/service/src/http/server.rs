@@ -169,8 +169,7 @@ pub fn run(
     let ledger = Arc::new(Ledger::open(&data)?);
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
     let tls_of_calls = roots::tls(ca.as_deref())?;
-    let runtime = runtime()?;
-    let metrics = measurements::record().map_err(io::Error::other)?;
+    let (runtime, metrics) = (runtime()?, measurements::record().map_err(io::Error::other)?);
     let cut = patience(&runtime, stop);
     let storage = Storage::open(storage, &ledger, cut.subscribe())?;
     let store = Arc::new(Store::open(&data, storage).map_err(failed)?);
