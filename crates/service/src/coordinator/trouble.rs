@@ -93,13 +93,4 @@ mod tests {
         assert_eq!(trouble.now(), None);
         assert!(trouble.note("full again"));
     }
-
-    #[test]
-    fn a_storage_that_refuses_some_requests_is_told_once() {
-        let trouble = Trouble::of_storage();
-        assert!(trouble.note("no right to delete"));
-        trouble.end();
-        assert_eq!(trouble.lasting(), Some("no right to delete".into()), "it was refused a moment ago");
-        assert!(!trouble.note("no right to delete"));
-    }
 }

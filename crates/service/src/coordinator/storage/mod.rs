@@ -13,8 +13,6 @@
 mod s3;
 #[cfg(feature = "s3")]
 mod s3;
-#[cfg(test)]
-mod tests;
 
 use super::ledger::{Ledger, LedgerError};
 use super::trouble::Trouble;
