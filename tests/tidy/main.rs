@@ -20,6 +20,7 @@ mod results;
 mod rust;
 mod sizes;
 mod text;
+mod threats;
 mod tree;
 mod unsafe_code;
 mod words;

@@ -143,6 +143,9 @@ fn hostile_values_in_every_field_read_nothing_and_fail_no_job() {
     // The honest one goes on, and the picture is right.
     let _honest = farm.worker("worker-2");
     assert_eq!(service.hashes(&id), [hash]);
+    // Whatever was said counts as no comparison: all units were compared by the honest one and the coordinator.
+    let compared = &service.job(&id)["compared"];
+    assert_eq!((&compared["share"], &compared["workers"]), (&json!(1.0), &json!(2)), "{compared}");
     let named = service.get("/api/v1/workers").json();
     assert!(named["workers"].as_array().is_some_and(|workers| !workers.is_empty()), "{named}");
 }

@@ -90,6 +90,15 @@ fn the_first_units_of_a_new_key_are_compared_whatever_the_share() {
     let job = service.job(&id);
     assert!(job["compared"]["units"].as_u64() >= Some(8), "{job}");
     assert_eq!(job["compared"]["workers"], 2, "{job}");
+    // Units after a key's first are not compared: the share says so.
+    let [units, share] = ["units", "share"].map(|name| job["compared"][name].as_f64().expect("a number"));
+    let done = job["units_done"].as_f64().expect("a number");
+    assert!(share == units / done && (0.01..1.0).contains(&share), "{job}");
+    let token = data.path().join("token").to_str().expect("UTF-8").to_owned();
+    let output = raystream(&["jobs", "--server", &service.url, "--token-file", &token, &id]);
+    let line = format!("  compared: {:.1} % of its units, by 2 workers", 100.0 * share);
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(printed.lines().any(|printed| printed == line), "{printed} has no {line:?}");
     // A liar that comes later is found by its first units.
     let mut liar = farm.worker_that("worker-1", &["--mischief", "lie"]);
     wait_for_workers(&service, 3);
@@ -110,7 +119,7 @@ fn done_jobs_with_sums_of_a_liar_are_suspect_and_trust_is_given_back_by_hand() {
     let liar = farm.worker_that("worker-1", &["--mischief", "lie"]);
     let first = service.submit(&scene, &job);
     assert_ne!(service.hashes(&first), [hash.as_str()]);
-    assert_eq!(service.job(&first)["compared"]["units"], 0);
+    assert_eq!(service.job(&first)["compared"], json!({ "units": 0, "share": 0.0, "workers": 0 }));
     drop(liar);
     service.kill();
     // From here on all are, and the old lie comes out.

@@ -1,12 +1,13 @@
 //! Farms that `raystream farm init` makes: TLS, a key for each process, and the subjects of each.
 
-use crate::machines::{free_port, worker_output};
+use crate::machines::{Process, free_port, worker_output};
 use crate::service::{PATIENCE, raystream};
 use crate::{Nats, Service, Worker, coordinator, folder, shipped, still};
 use raystream::picture::Registry;
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -105,6 +106,26 @@ fn a_farm_of_init_renders_over_tls_with_keys() {
     wait_for_workers(&service, 3);
     let again = service.submit(&scene, &json!({ "size": "24x16", "spp": 16, "seed": 8 }));
     assert_ne!(service.hashes(&again), [hash]);
+}
+
+#[test]
+fn the_line_that_a_coordinator_prints_starts_a_worker_in_its_folder() {
+    let (farm, data, cache) = (Farm::new(1), folder(), folder());
+    let log = cache.path().join("log");
+    let options = farm.options("coordinator");
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let service = Service::start_logging(data.path(), &[&["--nats", &farm.url], &options[..]].concat(), &log);
+    let told = fs::read_to_string(&log).expect("a log");
+    let words = told.lines().find_map(|line| line.strip_prefix("workers join with: raystream "));
+    let child = Command::new(env!("CARGO_BIN_EXE_raystream"))
+        .args(words.expect("a command").split_whitespace())
+        .arg("--cache")
+        .arg(cache.path())
+        .current_dir(farm.of("workers/worker-1"))
+        .spawn()
+        .expect("raystream starts");
+    let _worker = Process(child);
+    wait_for_workers(&service, 1);
 }
 
 #[test]
@@ -297,12 +318,18 @@ fn services_of_the_system_start_commands_that_parse() {
             assert_eq!(words, ["nats-server", "-c", "nats.conf"], "{command}");
         }
         assert!(service.contains("\n[Install]\nWantedBy=multi-user.target\n"), "{service}");
+        // Others read neither the token nor what is kept.
+        let private = [
+            "StateDirectory=raystream\nStateDirectoryMode=0700\n",
+            "StandardOutput=null\nStandardError=journal\n",
+        ];
+        let is_coordinator = name.starts_with("coordinator");
+        assert!(!is_coordinator || private.iter().all(|line| service.contains(line)), "{service}");
     }
 }
 
 #[test]
 fn services_of_the_system_are_valid_where_systemd_is() {
-    use std::process::Command;
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
         return println!("systemd-analyze is not installed: services are not verified");
     }

@@ -13,6 +13,8 @@ mod retention;
 #[cfg(feature = "s3")]
 mod s3;
 mod service;
+#[cfg(feature = "s3")]
+mod stalled;
 mod tenants;
 mod tls;
 mod tokens;

@@ -1,6 +1,7 @@
 //! Results and scenes on S3: a real server checks signatures, expiry and sizes.
 
 use crate::service::{Answer, PATIENCE, Service, folder, raystream, rendered, shipped};
+use crate::tls::authority;
 use crate::tokens::{add, send};
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use s3s::auth::SimpleAuth;
@@ -13,24 +14,34 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::ServerConfig;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use ureq::Agent;
 use ureq::http::{Request, Response};
 
-const KEY: &str = "a-key";
-const SECRET: &str = "a-secret";
+pub const KEY: &str = "a-key";
+pub const SECRET: &str = "a-secret";
 
 /// A server of S3 with one bucket, which lies in a folder.
-struct Server {
+pub struct Server {
     folder: TempDir,
-    address: SocketAddr,
+    pub address: SocketAddr,
     runtime: Option<Runtime>,
+    /// Its certificate and key, if it speaks TLS.
+    tls: Option<TlsAcceptor>,
 }
 
 impl Server {
-    fn start() -> Self {
+    pub fn start() -> Self {
+        Self::start_with(None)
+    }
+
+    fn start_with(tls: Option<TlsAcceptor>) -> Self {
         let folder = folder();
         std::fs::create_dir(folder.path().join("bucket")).expect("a bucket");
-        let mut server = Self { folder, address: ([127, 0, 0, 1], 0).into(), runtime: None };
+        let mut server = Self { folder, address: ([127, 0, 0, 1], 0).into(), runtime: None, tls };
         server.listen();
         server
     }
@@ -43,13 +54,20 @@ impl Server {
         let (service, runtime) = (builder.build(), Runtime::new().expect("threads"));
         let listener = runtime.block_on(TcpListener::bind(self.address)).expect("a free address");
         self.address = listener.local_addr().expect("an address");
+        let tls = self.tls.clone();
         runtime.spawn(async move {
-            let http = hyper_util::server::conn::auto::Builder::new(TokioExecutor::new());
             while let Ok((socket, _)) = listener.accept().await {
-                let connection = http.serve_connection(TokioIo::new(socket), service.clone()).into_owned();
+                let (tls, service) = (tls.clone(), service.clone());
                 tokio::spawn(async move {
-                    // Its client may have gone.
-                    let _ = connection.await;
+                    let http = hyper_util::server::conn::auto::Builder::new(TokioExecutor::new());
+                    // Its client may have gone, or trust it not.
+                    let _ = match tls {
+                        None => http.serve_connection(TokioIo::new(socket), service).await,
+                        Some(tls) => {
+                            let Ok(socket) = tls.accept(socket).await else { return };
+                            http.serve_connection(TokioIo::new(socket), service).await
+                        }
+                    };
                 });
             }
         });
@@ -64,12 +82,12 @@ impl Server {
     }
 
     /// The file of an object.
-    fn object(&self, name: &str) -> PathBuf {
+    pub fn object(&self, name: &str) -> PathBuf {
         self.folder.path().join("bucket/farm").join(name)
     }
 
     /// The names of objects below a folder.
-    fn objects(&self, name: &str) -> Vec<String> {
+    pub fn objects(&self, name: &str) -> Vec<String> {
         fn collect(root: &Path, folder: &Path, names: &mut Vec<String>) {
             for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 let path = entry.path();
@@ -109,15 +127,15 @@ impl Drop for Server {
     }
 }
 
-fn small(seed: u32) -> Value {
+pub fn small(seed: u32) -> Value {
     json!({ "size": "16x12", "spp": 2, "seed": seed })
 }
 
-fn sha256(bytes: &[u8]) -> String {
+pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+pub fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_so() {
         assert!(began.elapsed() < PATIENCE, "{what}");
@@ -154,12 +172,12 @@ fn plain_with(method: &str, url: &str, token: Option<&str>, sum: Option<&str>, b
     Answer { status, headers, body: answer.body_mut().read_to_vec().expect("a body") }
 }
 
-fn detail(answer: &Answer) -> String {
+pub fn detail(answer: &Answer) -> String {
     answer.json()["detail"].as_str().expect("a detail").to_owned()
 }
 
 /// The files below a folder of the data folder.
-fn copies(data: &Path, kind: &str) -> usize {
+pub fn copies(data: &Path, kind: &str) -> usize {
     let entries = |folder: &Path| -> Vec<PathBuf> {
         std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
     };
@@ -465,5 +483,59 @@ fn a_storage_belongs_to_one_data_folder() {
         let output = raystream(&[&["serve", "--data", data, "--listen", "127.0.0.1:0"], arguments].concat());
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success() && errors.contains(told), "{arguments:?}: {errors}");
+    }
+}
+
+/// What makes a server speak TLS with a certificate.
+fn acceptor(certificate: &str, key: &str) -> TlsAcceptor {
+    let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
+    let chain = vec![CertificateDer::from_pem_file(certificate).expect("a certificate")];
+    let key = PrivateKeyDer::from_pem_file(key).expect("a key");
+    let config = ServerConfig::builder().with_no_client_auth().with_single_cert(chain, key);
+    TlsAcceptor::from(std::sync::Arc::new(config.expect("they belong together")))
+}
+
+#[test]
+fn a_storage_over_tls_is_known_by_a_file_of_authorities_or_the_systems() {
+    let (keys, others, data) = (folder(), folder(), folder());
+    let ([ca, certificate, key], [other, ..]) = (authority(keys.path()), authority(others.path()));
+    let server = Server::start_with(Some(acceptor(&certificate, &key)));
+    let endpoint = format!("https://localhost:{}", server.address.port());
+    let start = |trust: &[&str], system: &str| {
+        let options = [&["--storage", "s3://bucket/farm", "--storage-endpoint", &endpoint], trust].concat();
+        let variables = [
+            ("AWS_ACCESS_KEY_ID", KEY),
+            ("AWS_SECRET_ACCESS_KEY", SECRET),
+            ("AWS_REGION", "us-east-1"),
+            ("SSL_CERT_FILE", system),
+            ("SSL_CERT_DIR", ""),
+        ];
+        Service::launch(&["serve"], data.path(), &options, (None, None), &variables)
+    };
+    // Neither by the system's, nor by another authority in its place.
+    for (trust, system) in [(&[][..], &other), (&["--ca", &other], &ca)] {
+        let service = start(trust, system).expect("it listens");
+        let told = service.get("/readyz");
+        assert!(told.status == 503 && detail(&told).contains("invalid peer certificate"), "{}", told.json());
+        assert!(detail(&told).contains("--ca"), "{}", detail(&told));
+        let (_, refused) = service.upload(b"{ \"shapes\": [] }");
+        let why = detail(&refused);
+        assert!(refused.status == 503 && why.contains("invalid peer certificate"), "{why}");
+        assert_eq!(why.matches("cannot be used").count(), 1, "{why}");
+        service.kill();
+    }
+    assert!(start(&["--ca", &key], &ca).is_none(), "a file without certificates");
+    for (trust, system, seed) in [(&["--ca", &ca][..], &other, 1), (&[], &ca, 2)] {
+        let service = start(trust, system).expect("it listens");
+        assert_eq!(service.get("/readyz").status, 200);
+        let scene = service.upload_file(&shipped("cornell.json"));
+        let id = service.submit(&scene, &small(seed));
+        assert_eq!(service.hashes(&id).len(), 1);
+        let png = service.get(&format!("/api/v1/jobs/{id}/frames/0.png")).body;
+        assert_eq!(
+            std::fs::read(server.object(&format!("jobs/{id}/frame-0/picture.png"))).expect("one"),
+            png
+        );
+        service.kill();
     }
 }

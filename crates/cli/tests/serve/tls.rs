@@ -64,7 +64,7 @@ fn tls_lets_in_who_knows_the_certificate() {
 }
 
 /// An authority's certificate, and a certificate of this machine that it has signed with its key, as PEM files.
-fn authority(folder: &std::path::Path) -> [String; 3] {
+pub fn authority(folder: &std::path::Path) -> [String; 3] {
     use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
     let params = |names: &[&str]| {
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();

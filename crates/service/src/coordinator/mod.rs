@@ -238,7 +238,7 @@ impl Runner {
             bus,
             own,
             files: SceneFiles::default(),
-            trouble: Trouble::default(),
+            trouble: Trouble::of_data_folder(),
             state: Mutex::new(state),
             changed: Condvar::new(),
             queued: Mutex::default(),

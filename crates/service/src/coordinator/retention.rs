@@ -51,9 +51,8 @@ impl Runner {
     /// Removes copies beyond their bound, and objects that are no one's.
     fn tidy_storage(&self, evicted: &mut Option<Instant>, swept: &mut Option<Instant>) {
         let is_due = |last: &Option<Instant>, pause| last.is_none_or(|last| last.elapsed() >= pause);
-        if self.store.storage().is_none() || !is_due(evicted, EVICT) {
-            return;
-        }
+        let Some(storage) = self.store.storage().filter(|_| is_due(evicted, EVICT)) else { return };
+        storage.look_again();
         *evicted = Some(Instant::now());
         let tidied = self.store.evict(&self.scenes_in_use()).and_then(|()| {
             if is_due(swept, SWEEP) {
@@ -62,7 +61,7 @@ impl Runner {
             }
             Ok(())
         });
-        if let Err(error) = tidied {
+        if let Some(error) = tidied.err().filter(|error| !error.is_of_storage()) {
             self.trouble.note(&error.to_string());
         }
     }
@@ -123,8 +122,9 @@ impl Runner {
             match removed {
                 Ok(()) => self.ledger.clear(leftover)?,
                 Err(StorageError::File(error)) => log::warn!("{leftover:?}: cannot be removed now: {error}"),
+                // The others would be refused as well.
+                Err(error) if error.is_of_storage() => break,
                 Err(error) => {
-                    // The others would wait for it as long.
                     self.trouble.note(&error.to_string());
                     break;
                 }

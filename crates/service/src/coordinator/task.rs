@@ -6,7 +6,7 @@ use super::ledger::{FrameRow, Job, JobState, LedgerError, Pending, UnitRow};
 use super::lending::{Comparison, Party};
 use super::request::JobRequest;
 use super::results::{self, PICTURE};
-use super::storage::StorageError;
+use super::storage::{Storage, StorageError};
 use super::{NAP, Runner, planner};
 use crate::backend::OpenJob;
 use crate::contract::{UnitId, UnitWatch, failpoint};
@@ -84,6 +84,8 @@ pub(super) enum Failure {
     Stopped,
     /// Files or the ledger cannot be written now.
     Disk(String),
+    /// The storage cannot be used now, which it has told.
+    Storage(String),
     /// The job cannot be done as it is.
     Job(String),
 }
@@ -102,7 +104,7 @@ impl From<io::Error> for Failure {
 
 impl From<StorageError> for Failure {
     fn from(error: StorageError) -> Self {
-        Self::Disk(error.to_string())
+        if error.is_of_storage() { Self::Storage(error.to_string()) } else { Self::Disk(error.to_string()) }
     }
 }
 
@@ -157,6 +159,10 @@ impl Runner {
                 log::debug!("{}: {error}; the next try is in {} s", job.subject(), NAP.as_secs());
                 true
             }
+            Err(Failure::Storage(error)) => {
+                log::debug!("{}: {error}; the next try is in {} s", job.subject(), NAP.as_secs());
+                true
+            }
             Err(Failure::Job(error)) => {
                 log::warn!("{}: {error}", job.subject());
                 let active = &[JobState::Queued, JobState::Running];
@@ -199,7 +205,9 @@ impl Runner {
         let request = JobRequest::of(job);
         let request = request.ok_or_else(|| Failure::Job("the ledger's request is not readable".into()))?;
         // A storage that cannot be used now is no fault of the job.
+        let is_away = || self.store.storage().is_some_and(Storage::is_in_trouble);
         self.store.present(&request.scene).map_err(|problem| match problem.status() {
+            StatusCode::SERVICE_UNAVAILABLE if is_away() => Failure::Storage(problem.to_string()),
             StatusCode::SERVICE_UNAVAILABLE | StatusCode::INSUFFICIENT_STORAGE => {
                 Failure::Disk(problem.to_string())
             }

@@ -23,7 +23,7 @@ const JOBS: &[f64] =
 const TILES: &[f64] = &[0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.15, 0.3, 1.0];
 
 /// Names, kinds and descriptions.
-const ALL: [(&str, Kind, &str); 29] = [
+const ALL: [(&str, Kind, &str); 30] = [
     ("raystream_build_info", Gauge, "1, with the version of the program as a label."),
     (
         "raystream_connections_closed_for_others_total",
@@ -53,6 +53,7 @@ const ALL: [(&str, Kind, &str); 29] = [
     ("raystream_refused_tokens_total", Counter, "Requests refused for their token."),
     ("raystream_scene_cache_bytes", Gauge, "Bytes of scenes that are kept ready in memory."),
     ("raystream_scene_memory_bytes", Gauge, "Bytes that scenes take: kept ready, in use, being read."),
+    ("raystream_storage_refuses", Gauge, "1 while the storage of results cannot be used, else 0."),
     ("raystream_unit_seconds", Histogram(UNITS), "Time that a worker took for a unit."),
     ("raystream_units_compared_total", Counter, "Units rendered by two workers, by result."),
     ("raystream_units_offered_again_total", Counter, "Units whose holder fell silent."),
@@ -90,7 +91,9 @@ fn describe() {
         }
     }
     metrics::gauge!("raystream_build_info", "version" => env!("CARGO_PKG_VERSION")).set(1.0);
-    metrics::gauge!("raystream_data_folder_refuses").set(0.0);
+    for name in ["raystream_data_folder_refuses", "raystream_storage_refuses"] {
+        metrics::gauge!(name).set(0.0);
+    }
     for name in ["raystream_refused_tokens_total", "raystream_known_requests_total", "raystream_rays_total"] {
         metrics::counter!(name).increment(0);
     }

@@ -168,14 +168,15 @@ pub fn run(
     let secret = Secret::open(&data).map_err(failed)?;
     let ledger = Arc::new(Ledger::open(&data)?);
     let auth = Auth::open(&data, Arc::clone(&ledger))?;
-    let storage = Storage::open(storage, &ledger)?;
+    let tls_of_calls = roots::tls(ca.as_deref())?;
+    let (runtime, metrics) = (runtime()?, measurements::record().map_err(io::Error::other)?);
+    let cut = patience(&runtime, stop);
+    let storage = Storage::open(storage, &ledger, cut.subscribe())?;
     let store = Arc::new(Store::open(&data, storage).map_err(failed)?);
     let scene = scene.map(|scene| KeptScene::keep(scene, &store, &ledger, &limits));
-    let metrics = measurements::record().map_err(io::Error::other)?;
     let own_scene = scene.as_ref().and_then(KeptScene::upload).map(|(sha256, _)| sha256.clone());
     let record =
         Record { ledger: Arc::clone(&ledger), store: Arc::clone(&store), secret, retention, own_scene };
-    let tls_of_calls = roots::tls(ca.as_deref())?;
     let traces = Traces::of_environment(&tls_of_calls)?;
     let runner = Runner::start(record, Arc::clone(&backend), limits, farm)?;
     let state = State::new(Inner {
@@ -197,16 +198,30 @@ pub fn run(
         uploads: Semaphore::new(limits.uploads),
         ending: stop.0.subscribe(),
     });
-    let runtime = runtime()?;
     let _calls = webhook::start(state.clone(), tls_of_calls, reach)?;
     let steps = journal::start(state.clone())?;
     runtime.spawn(digest(state.metrics().clone()));
     let served = runtime.block_on(serve(listen, tls, state, stop.0.subscribe(), listening));
     stop.stop();
+    cut.send_replace(true);
     runner.stop();
     drop(steps.join());
     runtime.shutdown_timeout(GRACE);
     served
+}
+
+/// True, for who waits for the storage, once a service that is to end has waited long enough: requests that need the
+/// storage get as long to end as others.
+fn patience(runtime: &Runtime, stop: &Stop) -> Arc<watch::Sender<bool>> {
+    let (cut, mut ending) = (Arc::new(watch::Sender::new(false)), stop.0.subscribe());
+    let late = Arc::clone(&cut);
+    runtime.spawn(async move {
+        // The sender lives as long as the service.
+        let _ = ending.wait_for(|ending| *ending).await;
+        tokio::time::sleep(GRACE).await;
+        late.send_replace(true);
+    });
+    cut
 }
 
 /// The threads that answer requests.

@@ -78,6 +78,10 @@ pub struct ServeArgs {
     /// Most bytes of copies of what lies in the storage; what is in use goes beyond it.
     #[arg(long, value_name = "BYTES", default_value = "10G", value_parser = crate::args::bytes)]
     pub storage_cache: u64,
+    /// Longest time of a request to the storage, of at most 8 MiB, as 30s or 2m. Then it is tried again for up to ten
+    /// seconds.
+    #[arg(long, value_name = "TIME", default_value = "30s", value_parser = time)]
+    pub storage_timeout: Duration,
     /// How long an address works by which its holder reads or writes one object of the storage, as 15m or 1h.
     #[arg(long, value_name = "TIME", default_value = "15m", value_parser = time)]
     pub storage_expiry: Duration,

@@ -68,8 +68,16 @@ pub fn connect(
     farm.compared_share = args.compared;
     farm.most_workers = args.most_workers.map(std::num::NonZeroUsize::get);
     let of_farm = if farm_name == "raystream" { String::new() } else { format!(" --farm {farm_name}") };
-    let keys = own.as_ref().map(|own| format!(" --nats-key {}", own.worker_keys().display()));
-    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}{}", keys.unwrap_or_default());
+    let NatsArgs { nats_key, nats_ca, .. } = &args.server;
+    let keys = match &own {
+        Some(own) => format!(" --nats-key {}", own.worker_keys().display()),
+        // Those of the worker's own folder.
+        None => [(nats_key.is_some(), " --nats-key nats.key"), (nats_ca.is_some(), " --nats-ca ca.pem")]
+            .into_iter()
+            .filter_map(|(is_given, words)| is_given.then_some(words))
+            .collect(),
+    };
+    stderr_line!("workers join with: raystream worker --nats {url}{of_farm}{keys}");
     Ok(own)
 }
 

@@ -30,9 +30,12 @@ pub(super) fn of_coordinator(record: &Record) -> String {
     let Record { farm, url } = record;
     let folder = "/etc/raystream/coordinator";
     format!(
-        "{}DynamicUser=true\nStateDirectory=raystream\nLoadCredential=nats.key:{folder}/nats.key\n\
+        "{}DynamicUser=true\nStateDirectory=raystream\nStateDirectoryMode=0700\n\
+         LoadCredential=nats.key:{folder}/nats.key\n\
          ExecStart=raystream serve --data /var/lib/raystream --nats {url} --farm {farm} \
          --nats-key ${{CREDENTIALS_DIRECTORY}}/nats.key --nats-ca {folder}/ca.pem\n\
+         # Its first line has the token, which is no word for the journal.\n\
+         StandardOutput=null\nStandardError=journal\n\
          Restart=on-failure\nRestartSec=2\n{CONFINED}{INSTALL}",
         head("Coordinator of a farm of raystream")
     )
@@ -43,7 +46,8 @@ pub(super) fn of_worker(record: &Record, name: &str) -> String {
     let Record { farm, url } = record;
     let folder = "/etc/raystream/worker";
     format!(
-        "{}DynamicUser=true\nCacheDirectory=raystream\nLoadCredential=nats.key:{folder}/nats.key\n\
+        "{}DynamicUser=true\nCacheDirectory=raystream\nCacheDirectoryMode=0700\n\
+         LoadCredential=nats.key:{folder}/nats.key\n\
          ExecStart=raystream worker --name {name} --cache /var/cache/raystream --nats {url} --farm {farm} \
          --nats-key ${{CREDENTIALS_DIRECTORY}}/nats.key --nats-ca {folder}/ca.pem\n\
          TimeoutStopSec=30\nRestart=on-failure\nRestartSec=5\n{CONFINED}{INSTALL}",

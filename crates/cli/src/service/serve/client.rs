@@ -158,6 +158,11 @@ pub fn jobs(args: &JobsArgs) -> Result<Outcome> {
             let hash = picture["hash"].as_str().unwrap_or("not finished");
             stdout_line!("  frame {} {}  {hash}", picture["frame"], text(picture, "name"));
         }
+        let compared = &job["compared"];
+        if compared["units"].as_u64() > Some(0) {
+            let share = 100.0 * compared["share"].as_f64().unwrap_or(0.0);
+            stdout_line!("  compared: {share:.1} % of its units, by {} workers", compared["workers"]);
+        }
         return Ok(Outcome::Done);
     }
     let mut asked = vec![("limit", "200".to_owned())];

@@ -74,6 +74,7 @@ fn serve(
             ca: args.ca.clone(),
             insecure: *insecure,
             cache_bytes: args.storage_cache,
+            timeout: args.storage_timeout,
             expiry: args.storage_expiry,
             scene_rest: args.storage_rest,
         }),

@@ -15,14 +15,16 @@ mod s3;
 mod s3;
 
 use super::ledger::{Ledger, LedgerError};
+use super::trouble::Trouble;
 use crate::contract::{Problem, hex, refused};
 use axum::http::StatusCode;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant, SystemTime};
+use tokio::sync::watch;
 
 /// Bytes of a request to the storage: longer objects go and come in several.
 const PART: u64 = 8 << 20;
@@ -33,7 +35,7 @@ pub const SUM_HEADER: &str = "x-amz-checksum-sha256";
 /// The object that names the ledger.
 const OWNER: &str = "owner";
 
-/// How long an answer of the storage tells whether it can be reached.
+/// How long an answer of the storage, or its silence, tells whether it can be reached.
 const ANSWER_LASTS: Duration = Duration::from_secs(5);
 
 /// The storage of a service.
@@ -49,6 +51,8 @@ pub struct StorageOptions {
     pub insecure: bool,
     /// The most bytes of copies in the data folder. What is in use goes beyond it.
     pub cache_bytes: u64,
+    /// The longest time of a request, of at most 8 MiB, until its answer is whole.
+    pub timeout: Duration,
     /// How long an address works that lets its holder read or write one object.
     pub expiry: Duration,
     /// How long the copy of a scene stays after it was last used.
@@ -64,6 +68,9 @@ pub enum StorageError {
     /// The storage cannot be reached, or refuses.
     #[error("the storage {0} cannot be used: {1}")]
     Refused(String, String),
+    /// There was such an error lately.
+    #[error("{0}")]
+    Trouble(String),
     /// An object is not there.
     #[error("the storage {0} has no object {1:?} any more")]
     Missing(String, String),
@@ -89,6 +96,13 @@ pub enum StorageError {
     /// The ledger cannot be used.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
+}
+
+impl StorageError {
+    /// True if the storage is the reason, which has told it itself; false if it is the data folder.
+    pub fn is_of_storage(&self) -> bool {
+        !matches!(self, Self::File(_) | Self::Ledger(_))
+    }
 }
 
 impl From<StorageError> for Problem {
@@ -128,7 +142,14 @@ trait Objects: Send + Sync {
 #[cfg_attr(not(feature = "s3"), expect(dead_code, reason = "there is nothing to ask"))]
 enum ObjectError {
     Missing,
+    /// The storage has answered.
     Refused(String),
+    /// The storage has not answered, or not in time.
+    Silent(String),
+    /// The service ends, so no one waits for the answer.
+    Ending,
+    /// The file that is to be written cannot be read.
+    File(io::Error),
 }
 
 /// The size and the SHA-256 of what was written.
@@ -166,10 +187,19 @@ pub struct Storage {
     options: StorageOptions,
     objects: Box<dyn Objects>,
     ledger: Arc<Ledger>,
-    /// True once the storage was seen to be this ledger's.
-    is_own: Mutex<bool>,
-    /// When the storage last answered, and its refusal.
-    last: Mutex<Option<(Instant, Option<String>)>>,
+    state: Mutex<State>,
+    /// Held by the one who asks whose objects the storage has.
+    asking: Mutex<()>,
+    trouble: Trouble,
+}
+
+/// What is known of a storage.
+#[derive(Default)]
+struct State {
+    /// When the storage was seen to be this ledger's, unless it has refused something since.
+    owned: Option<Instant>,
+    /// When the storage was silent, and why, unless it has answered since.
+    silent: Option<(Instant, String)>,
 }
 
 impl std::fmt::Debug for Storage {
@@ -179,28 +209,38 @@ impl std::fmt::Debug for Storage {
 }
 
 impl Storage {
-    /// The storage of a ledger. One that cannot be reached now is used later.
+    /// The storage of a ledger. One that cannot be reached now is used later. No one waits for it once `is_cut` is
+    /// true.
     ///
     /// # Errors
     /// If the options are wrong, or the storage is another ledger's.
-    pub fn open(options: Option<StorageOptions>, ledger: &Arc<Ledger>) -> Result<Option<Self>, StorageError> {
+    pub fn open(
+        options: Option<StorageOptions>,
+        ledger: &Arc<Ledger>,
+        is_cut: watch::Receiver<bool>,
+    ) -> Result<Option<Self>, StorageError> {
         let Some(options) = options else {
             let is_claimed = ledger.storage()?.is_some_and(|(_, is_claimed)| is_claimed);
             return if is_claimed { Err(StorageError::Unnamed) } else { Ok(None) };
         };
-        let objects = s3::connect(&options).map_err(StorageError::Options)?;
-        let ledger = Arc::clone(ledger);
-        let storage = Self { options, objects, ledger, is_own: Mutex::default(), last: Mutex::default() };
-        match storage.probe() {
-            Err(
-                error @ (StorageError::Another(_) | StorageError::Elsewhere(_) | StorageError::Ledger(_)),
-            ) => {
-                return Err(error);
-            }
-            Err(error) => log::warn!("{error}; results wait until it can"),
-            Ok(()) => {}
+        let objects = s3::connect(&options, is_cut).map_err(StorageError::Options)?;
+        let storage = Self::of(options, objects, ledger);
+        match storage.ask_owner() {
+            Ok(()) => storage.state().owned = Some(Instant::now()),
+            // The log has it.
+            Err(StorageError::Refused(..) | StorageError::Missing(..)) => {}
+            Err(error) => return Err(error),
         }
         Ok(Some(storage))
+    }
+
+    fn of(options: StorageOptions, objects: Box<dyn Objects>, ledger: &Arc<Ledger>) -> Self {
+        let (state, asking, trouble) = (Mutex::default(), Mutex::default(), Trouble::of_storage());
+        Self { options, objects, ledger: Arc::clone(ledger), state, asking, trouble }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The options with which it was opened.
@@ -213,41 +253,106 @@ impl Storage {
         &self.ledger
     }
 
-    /// Whether the storage can be used now. It is asked again after some seconds.
+    /// Whether the storage can be used, as far as is known: while there is trouble, it is not asked.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn check(&self) -> Result<(), StorageError> {
+        if let Some(why) = self.trouble.lasting() {
+            return Err(StorageError::Trouble(why));
+        }
+        let is_known = self.state().owned.is_some_and(|when| when.elapsed() < ANSWER_LASTS);
+        if is_known { Ok(()) } else { self.probe() }
+    }
+
+    /// Asks the storage whether it can be used.
     ///
     /// # Errors
     /// Why not.
     pub fn probe(&self) -> Result<(), StorageError> {
-        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some((when, refusal)) = last
-            && when.elapsed() < ANSWER_LASTS
-        {
-            return refusal.map_or(Ok(()), |why| Err(StorageError::Refused(self.options.url.clone(), why)));
-        }
-        *self.is_own.lock().unwrap_or_else(PoisonError::into_inner) = false;
+        self.state().owned = None;
         self.check_owner()
     }
 
-    /// Takes note of an answer.
+    /// True while there is trouble with the storage.
+    pub fn is_in_trouble(&self) -> bool {
+        self.trouble.lasting().is_some()
+    }
+
+    /// Asks the storage again if there is trouble, which ends then if it can.
+    pub fn look_again(&self) {
+        if self.is_in_trouble() {
+            // What it refuses is told.
+            let _ = self.probe();
+        }
+    }
+
+    fn refused(&self, why: String) -> StorageError {
+        StorageError::Refused(self.options.url.clone(), why)
+    }
+
+    /// Takes note of an answer, or that there was none.
     fn told<T>(&self, name: &str, answer: Result<T, ObjectError>) -> Result<T, StorageError> {
-        let url = || self.options.url.clone();
-        let refusal = match &answer {
-            Err(ObjectError::Refused(why)) => Some(why.clone()),
-            _ => None,
+        let error = match answer {
+            Ok(_) | Err(ObjectError::Missing) => {
+                self.state().silent = None;
+                self.trouble.end();
+                let missing = |_| StorageError::Missing(self.options.url.clone(), name.to_owned());
+                return answer.map_err(missing);
+            }
+            Err(ObjectError::Ending) => return Err(self.refused("the service is ending".into())),
+            Err(ObjectError::File(error)) => return Err(error.into()),
+            Err(ObjectError::Refused(why)) => {
+                *self.state() = State::default();
+                self.refused(why)
+            }
+            Err(ObjectError::Silent(why)) => {
+                *self.state() = State { owned: None, silent: Some((Instant::now(), why.clone())) };
+                self.refused(why)
+            }
         };
-        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), refusal));
-        answer.map_err(|error| match error {
-            ObjectError::Missing => StorageError::Missing(url(), name.to_owned()),
-            ObjectError::Refused(why) => StorageError::Refused(url(), why),
-        })
+        self.trouble.note(&error.to_string());
+        Err(error)
+    }
+
+    /// Makes sure that the objects are this ledger's. While the storage is silent, one asks, and the others are refused
+    /// at once: else each would wait as long.
+    fn check_owner(&self) -> Result<(), StorageError> {
+        let silence = {
+            let state = self.state();
+            if state.owned.is_some() {
+                return Ok(());
+            }
+            state.silent.clone()
+        };
+        let _asking = match (silence, self.asking.try_lock()) {
+            (_, Ok(asking)) => asking,
+            (Some((_, why)), Err(TryLockError::WouldBlock)) => return Err(self.refused(why)),
+            _ => self.asking.lock().unwrap_or_else(PoisonError::into_inner),
+        };
+        let state = self.state();
+        match &*state {
+            // Someone else has asked meanwhile.
+            State { owned: Some(_), .. } => return Ok(()),
+            State { silent: Some((when, why)), .. } if when.elapsed() < ANSWER_LASTS => {
+                return Err(self.refused(why.clone()));
+            }
+            _ => drop(state),
+        }
+        let asked = self.ask_owner();
+        match &asked {
+            Ok(()) => self.state().owned = Some(Instant::now()),
+            Err(error @ (StorageError::Another(_) | StorageError::Elsewhere(_))) => {
+                self.trouble.note(&error.to_string());
+            }
+            // The log has it, or the caller tells it.
+            Err(_) => {}
+        }
+        asked
     }
 
     /// Compares the object that names the ledger, or writes it if this ledger has never used a storage.
-    fn check_owner(&self) -> Result<(), StorageError> {
-        let mut is_own = self.is_own.lock().unwrap_or_else(PoisonError::into_inner);
-        if *is_own {
-            return Ok(());
-        }
+    fn ask_owner(&self) -> Result<(), StorageError> {
         let (name, is_claimed) = match self.ledger.storage()? {
             Some(known) => known,
             None => {
@@ -279,7 +384,6 @@ impl Storage {
         if !is_claimed {
             self.ledger.claim_storage()?;
         }
-        *is_own = true;
         Ok(())
     }
 

@@ -4,26 +4,27 @@ use super::{ObjectError, Objects, PART, SUM_HEADER, StorageOptions};
 use axum::http::{HeaderName, HeaderValue, Method, Uri};
 use futures_util::TryStreamExt;
 use object_store::aws::{AmazonS3, AmazonS3Builder};
+use object_store::client::{HttpError, HttpErrorKind};
 use object_store::path::Path;
 use object_store::signer::{SignedUrlOptions, Signer};
 use object_store::{
-    Attribute, Attributes, BackoffConfig, Certificate, ClientOptions, ObjectStore, ObjectStoreExt,
-    PutMultipartOptions, PutOptions, RetryConfig,
+    Attribute, Attributes, BackoffConfig, Certificate, ClientOptions, GetOptions, ObjectStore,
+    ObjectStoreExt, PutMultipartOptions, PutOptions, RetryConfig,
 };
-use std::io::Read;
+use std::io::{self, Read};
 use std::net::IpAddr;
 use std::ops::Range;
 use std::time::{Duration, SystemTime};
 use tokio::runtime::Runtime;
+use tokio::sync::watch;
 
-/// How long a connection, and a request of at most [`PART`] bytes, may take.
+/// How long it may take until there is a connection.
 const CONNECT: Duration = Duration::from_secs(5);
-const REQUEST: Duration = Duration::from_secs(60);
 
 /// The longest time for which S3 lets an address work.
 const MOST_EXPIRY: Duration = Duration::from_secs(7 * 86_400);
 
-/// How long a request that fails is tried again. Jobs and clients try again after that.
+/// How long a request that fails, or is not answered in time, is tried again. Jobs and clients try again after that.
 const RETRIES: RetryConfig = RetryConfig {
     backoff: BackoffConfig {
         init_backoff: Duration::from_millis(100),
@@ -38,6 +39,10 @@ const RETRIES: RetryConfig = RetryConfig {
 struct Bucket {
     store: AmazonS3,
     prefix: Path,
+    /// How long a request may take.
+    timeout: Duration,
+    /// True once no one waits for answers.
+    is_cut: watch::Receiver<bool>,
     /// Taken when the value is dropped.
     runtime: Option<Runtime>,
 }
@@ -47,7 +52,10 @@ struct Bucket {
 ///
 /// # Errors
 /// Which option is wrong.
-pub(super) fn connect(options: &StorageOptions) -> Result<Box<dyn Objects>, String> {
+pub(super) fn connect(
+    options: &StorageOptions,
+    is_cut: watch::Receiver<bool>,
+) -> Result<Box<dyn Objects>, String> {
     let wrong = || format!("--storage: write s3://BUCKET or s3://BUCKET/PREFIX, not {:?}", options.url);
     let (bucket, prefix) = {
         let rest = options.url.strip_prefix("s3://").ok_or_else(wrong)?;
@@ -62,8 +70,10 @@ pub(super) fn connect(options: &StorageOptions) -> Result<Box<dyn Objects>, Stri
     let prefix = Path::parse(prefix.trim_end_matches('/')).map_err(|_| wrong())?;
     // Another part of the program may have chosen it before.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let mut client = ClientOptions::new().with_connect_timeout(CONNECT).with_timeout(REQUEST);
+    let mut client = ClientOptions::new().with_connect_timeout(CONNECT).with_timeout(options.timeout);
     if let Some(ca) = &options.ca {
+        // They take the place of the system's, as everywhere.
+        client = client.with_no_system_certificates(true);
         let failed = |error: &dyn std::fmt::Display| format!("{}: {error}", ca.display());
         let text = std::fs::read(ca).map_err(|error| failed(&error))?;
         for certificate in Certificate::from_pem_bundle(&text).map_err(|error| failed(&error))? {
@@ -80,7 +90,7 @@ pub(super) fn connect(options: &StorageOptions) -> Result<Box<dyn Objects>, Stri
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
     runtime.worker_threads(1).thread_name("storage").enable_all();
     let runtime = runtime.build().map_err(|error| error.to_string())?;
-    Ok(Box::new(Bucket { store, prefix, runtime: Some(runtime) }))
+    Ok(Box::new(Bucket { store, prefix, timeout: options.timeout, is_cut, runtime: Some(runtime) }))
 }
 
 /// Whether an address is one without encryption, which has to be allowed unless it leads to this machine.
@@ -102,32 +112,46 @@ fn is_plain(endpoint: &str, is_allowed: bool) -> Result<bool, String> {
     }
 }
 
-impl From<object_store::Error> for ObjectError {
-    fn from(error: object_store::Error) -> Self {
-        match error {
-            object_store::Error::NotFound { .. } => Self::Missing,
-            error => {
-                // The innermost error says most; those around it repeat addresses.
-                let mut last: &dyn std::error::Error = &error;
-                while let Some(source) = last.source() {
-                    last = source;
-                }
-                log::debug!("storage: {error}");
-                Self::Refused(last.to_string())
-            }
-        }
-    }
-}
-
 impl Bucket {
     fn path(&self, name: &str) -> Path {
         self.prefix.parts().chain(Path::from(name).parts()).collect()
     }
 
     fn wait<T>(&self, work: impl Future<Output = object_store::Result<T>>) -> Result<T, ObjectError> {
-        let runtime =
-            self.runtime.as_ref().ok_or_else(|| ObjectError::Refused("the service is ending".into()))?;
-        Ok(runtime.block_on(work)?)
+        let runtime = self.runtime.as_ref().ok_or(ObjectError::Ending)?;
+        let mut is_cut = self.is_cut.clone();
+        runtime.block_on(async {
+            tokio::select! {
+                done = work => done.map_err(|error| self.failed(error)),
+                _ = is_cut.wait_for(|is_cut| *is_cut) => Err(ObjectError::Ending),
+            }
+        })
+    }
+
+    fn failed(&self, error: object_store::Error) -> ObjectError {
+        if matches!(error, object_store::Error::NotFound { .. }) {
+            return ObjectError::Missing;
+        }
+        log::debug!("storage: {error}");
+        let (mut last, mut is_silent): (&dyn std::error::Error, _) = (&error, false);
+        loop {
+            match last.downcast_ref::<HttpError>().map(HttpError::kind) {
+                Some(HttpErrorKind::Timeout) => {
+                    let why = format!("it has not answered for {} s", self.timeout.as_secs());
+                    return ObjectError::Silent(why);
+                }
+                Some(_) => is_silent = true,
+                None => {}
+            }
+            let Some(source) = last.source() else { break };
+            last = source;
+        }
+        // The innermost error says most; those around it repeat addresses.
+        let mut why = last.to_string();
+        if why.contains("UnknownIssuer") || why.contains("BadSignature") {
+            why += "; name the authority with --ca";
+        }
+        if is_silent { ObjectError::Silent(why) } else { ObjectError::Refused(why) }
     }
 }
 
@@ -135,7 +159,7 @@ impl Bucket {
 fn piece(from: &mut dyn Read, bytes: u64) -> Result<Vec<u8>, ObjectError> {
     let mut piece = Vec::new();
     let read = from.take(bytes).read_to_end(&mut piece);
-    read.map_err(|error| ObjectError::Refused(format!("the file cannot be read: {error}")))?;
+    read.map_err(ObjectError::File)?;
     Ok(piece)
 }
 
@@ -155,7 +179,7 @@ impl Objects for Bucket {
             while left > 0 {
                 let body = piece(from, left.min(PART))?;
                 if body.is_empty() {
-                    return Err(ObjectError::Refused("the file has become shorter".into()));
+                    return Err(ObjectError::File(io::ErrorKind::UnexpectedEof.into()));
                 }
                 left -= body.len() as u64;
                 self.wait(upload.put_part(body.into()))?;
@@ -171,7 +195,20 @@ impl Objects for Bucket {
     }
 
     fn get(&self, name: &str, range: Range<u64>) -> Result<Vec<u8>, ObjectError> {
-        Ok(self.wait(self.store.get_range(&self.path(name), range))?.into())
+        let bytes = usize::try_from(range.end.saturating_sub(range.start)).unwrap_or(usize::MAX);
+        let options = GetOptions { range: Some(range.into()), ..GetOptions::default() };
+        self.wait(async {
+            let mut stream = self.store.get_opts(&self.path(name), options).await?.into_stream();
+            let mut found = Vec::new();
+            while let Some(piece) = stream.try_next().await? {
+                found.extend_from_slice(&piece);
+                // Whoever sends more than was asked for is not listened to.
+                if found.len() > bytes {
+                    break;
+                }
+            }
+            Ok(found)
+        })
     }
 
     fn size(&self, name: &str) -> Result<u64, ObjectError> {
@@ -248,14 +285,19 @@ mod tests {
             ca: None,
             insecure: false,
             cache_bytes: 0,
+            timeout: Duration::from_secs(1),
             expiry: Duration::from_secs(1),
             scene_rest: Duration::ZERO,
         };
+        let ending = || watch::channel(false).1;
         for wrong in ["bucket", "s3:/bucket", "s3://", "s3:///prefix", "https://bucket", "s3://bucket/a//b"] {
-            assert!(connect(&options(wrong)).is_err_and(|why| why.contains("s3://BUCKET")), "{wrong}");
+            assert!(
+                connect(&options(wrong), ending()).is_err_and(|why| why.contains("s3://BUCKET")),
+                "{wrong}"
+            );
         }
         for right in ["s3://bucket", "s3://bucket/", "s3://bucket/a/b/"] {
-            assert!(connect(&options(right)).is_ok(), "{right}");
+            assert!(connect(&options(right), ending()).is_ok(), "{right}");
         }
     }
 }

@@ -12,6 +12,10 @@ use axum::extract::{Path, State as Given};
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
+use std::time::Duration;
+
+/// How long `/readyz` waits for the storage: who asks waits less than those who use it.
+const STORAGE: Duration = Duration::from_secs(5);
 
 /// `GET /healthz`: the process answers.
 pub async fn healthz() -> &'static str {
@@ -27,9 +31,15 @@ pub async fn readyz(Given(state): Given<State>) -> Result<&'static str, Problem>
     state
         .blocking(|state| {
             state.ledger().last_event()?;
-            Ok(state.store().storage().map_or(Ok(()), Storage::probe)?)
+            Ok(())
         })
         .await?;
+    let stored = state.blocking(|state| Ok(state.store().storage().map_or(Ok(()), Storage::check)?));
+    let late = |_| {
+        let detail = format!("the storage has not answered for {} s", STORAGE.as_secs());
+        Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
+    };
+    tokio::time::timeout(STORAGE, stored).await.map_err(late)??;
     match state.runner().trouble.now() {
         None => Ok("ready\n"),
         Some(why) => Err(Problem::new(StatusCode::SERVICE_UNAVAILABLE, why)),
