@@ -3,9 +3,6 @@
 
 @group(1) @binding(2) var<storage, read_write> answers: array<vec4<u32>>;
 
-// Nodes on the stack are skipped if the ray enters them beyond the limit.
-const CULLS: bool = true;
-
 // `limit` is the least distance within which some triangle is certainly hit, so the canonical hit is not farther.
 // Triangles that are not refused and may be as near are kept, in order of their least possible distances. A triangle
 // that does not fit lowers `rest`.

@@ -136,26 +136,6 @@ impl OpenGpu {
         });
         Ok(Device(Arc::new(LateTracer { name, tracer })))
     }
-
-    /// The tracers of a tree with each kind of kernel, for comparison.
-    ///
-    /// # Errors
-    /// When the GPU cannot trace the tree.
-    pub(super) fn variants(
-        &self,
-        bvh: &Arc<Bvh>,
-        filter: Option<&Arc<dyn Filter>>,
-        host: &Arc<dyn Tracer>,
-    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        let gpu = self.gpu.wait().as_ref().map_err(String::clone)?;
-        let tracer = |variant| {
-            let filter = filter.map(Arc::clone);
-            let tracer =
-                GpuTracer::with_variant(Arc::clone(gpu), Arc::clone(bvh), filter, Arc::clone(host), variant);
-            tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>).map_err(|error| error.to_string())
-        };
-        gpu.info().variants().map(tracer).collect()
-    }
 }
 
 /// Opens and measures an adapter.

@@ -29,10 +29,9 @@ use peers::Obvhs;
 use raystream::engine::PreparedScene;
 use raystream::lanes::SimdLevel;
 use raystream::schedule::{Service, ServiceError, ServiceOptions};
-use raystream::stream::{DeviceError, DeviceTracer};
+use raystream::stream::DeviceError;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Settings of the measurement.
 #[derive(Clone, Debug)]
@@ -45,14 +44,12 @@ pub struct Options {
     pub threads: Vec<usize>,
     /// SIMD levels of the CPU tracer.
     pub levels: Vec<SimdLevel>,
-    /// True if the slow contenders (the scalar reference and obvhs) take part, with one ray in eight.
-    pub slow_units: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
         let (kinds, levels) = (Kind::ALL.to_vec(), SimdLevel::available());
-        Self { kinds, rounds: 7, threads: vec![1], levels, slow_units: true }
+        Self { kinds, rounds: 7, threads: vec![1], levels }
     }
 }
 
@@ -102,14 +99,13 @@ pub enum BenchError {
     Service(#[from] ServiceError),
 }
 
-/// Measures every contender on every kind of ray. `devices` must trace the scene.
+/// Measures every contender on every kind of ray, and the scene's GPU if it has one.
 ///
 /// # Errors
 /// When Embree reports one, a GPU is lost or threads cannot be started.
 pub fn run(
     prepared: &PreparedScene,
     workload: &Workload,
-    devices: &[Arc<dyn DeviceTracer>],
     embree: Option<&Embree>,
     options: &Options,
 ) -> Result<Report, BenchError> {
@@ -117,7 +113,7 @@ pub fn run(
     let threads = options.threads.iter().copied().max().unwrap_or(1);
     let embree = embree.map(|embree| embree.device(threads)).transpose()?;
     let scenes = embree.as_ref().map_or(Ok(Vec::new()), |device| embree_scenes(prepared, device))?;
-    let obvhs = (options.slow_units && prepared.filter.is_none()).then(|| Obvhs::new(&prepared.bvh));
+    let obvhs = prepared.filter.is_none().then(|| Obvhs::new(&prepared.bvh));
     let pool = |&threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
@@ -132,13 +128,11 @@ pub fn run(
         for (pool, service) in pools.iter().zip(&services) {
             let clock = Clock { pool };
             let mut with_these = ours::contenders(prepared, kind, clock, service, &options.levels);
-            for device in devices {
+            if let Some(device) = &prepared.tracers.device {
                 with_these.push(device::contender(&**device, kind, clock));
             }
             with_these.extend(peers::embree(&scenes, kind, clock));
-            if options.slow_units {
-                with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
-            }
+            with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
             contenders.extend(with_these.into_iter().enumerate());
         }
         // The same contender with one and with more threads is timed one after the other, so that other load on the
@@ -186,7 +180,7 @@ mod tests {
         let workload =
             Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (64, 48));
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
-        run(&prepared, &workload.expect("a view"), &[], None, &options).expect("no Embree asked for")
+        run(&prepared, &workload.expect("a view"), None, &options).expect("no Embree asked for")
     }
 
     #[test]

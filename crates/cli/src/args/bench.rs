@@ -165,9 +165,6 @@ pub struct BenchRaysArgs {
     /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
-    /// Measure each kind of kernel of the adapter, and leave out slow peers.
-    #[arg(long, requires = "adapter")]
-    pub kernels: bool,
     /// Rounds, threads and peers.
     #[command(flatten)]
     pub peers: PeerArgs,

@@ -37,14 +37,9 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         Some(adapter) => Units::open(&UnitChoice::auto().with_unit(Unit::Hybrid).with_adapter(adapter))?,
     };
     let asked: Vec<SimdLevel> = args.simd.iter().map(|s| SimdLevel::choose(s)).collect::<Result<_, _>>()?;
-    let levels = match (asked.is_empty(), args.kernels) {
-        (false, _) => asked,
-        (true, true) => vec![SimdLevel::detect()],
-        (true, false) => SimdLevel::available(),
-    };
-    let (rounds, slow_units) = (args.peers.rounds as usize, !args.kernels);
-    let options =
-        Options { rounds, threads: args.peers.thread_counts(), levels, slow_units, ..Options::default() };
+    let levels = if asked.is_empty() { SimdLevel::available() } else { asked };
+    let (rounds, threads) = (args.peers.rounds as usize, args.peers.thread_counts());
+    let options = Options { rounds, threads, levels, ..Options::default() };
     let embree = args.peers.embree.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
@@ -88,11 +83,7 @@ fn one_scene(
     let camera = view.camera(&args.camera, prepared.scene.camera, framed);
     let workload =
         Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, args.size)?;
-    let devices = match (args.kernels, &prepared.tracers.device) {
-        (true, _) => prepared.variants(units).map_err(anyhow::Error::msg)?,
-        (false, device) => device.iter().cloned().collect(),
-    };
-    Ok(measure(&prepared, &workload, &devices, embree, options)?)
+    Ok(measure(&prepared, &workload, embree, options)?)
 }
 
 /// The scene's name in reports.
