@@ -213,6 +213,10 @@ impl DeviceTracer for LateTracer {
         DeviceTracer::bundle_rays(self.ready()?)
     }
 
+    fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        self.ready().map_or(Ok(None), |tracer| tracer.kernel_seconds(rays, any_hit))
+    }
+
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {
         self.ready()?.stream_memory(capacity, now)
     }

@@ -61,6 +61,8 @@ pub struct AdapterInfo {
     pub max_workgroups: u32,
     /// The smallest and the largest subgroup: threads that run in lockstep.
     pub subgroup: (u32, u32),
+    /// True if the device tells when a kernel begins and ends.
+    pub timestamps: bool,
     /// True if kernels can use memory that the host also uses at full speed, so that streams need not be copied.
     pub shared_memory: bool,
 }
@@ -88,6 +90,7 @@ impl AdapterInfo {
                 .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
+            timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
             // Discrete devices reach the host's memory too, but would read each ray across the bus.
             shared_memory: matches!(
                 info.device_type,
@@ -193,6 +196,7 @@ mod tests {
             max_storage_bindings: 32,
             max_workgroups: 65535,
             subgroup: (8, 8),
+            timestamps: false,
             shared_memory: false,
         }
     }

@@ -330,8 +330,9 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
-        // Shaders' kernels go to the driver as they are (`program::gpu`).
-        required_features: adapter.features() & wgpu::Features::PASSTHROUGH_SHADERS,
+        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed (`kernel_clock.rs`).
+        required_features: adapter.features()
+            & (wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY),
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()
     }

@@ -61,6 +61,7 @@ mod flatten;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
 mod host_memory;
 mod kernel;
+mod kernel_clock;
 mod layout;
 mod pages;
 mod probe;

@@ -57,7 +57,8 @@ pub(super) struct Shared {
 pub(super) struct SceneDevice {
     pub gpu: Arc<Gpu>,
     pub scene: DeviceScene,
-    max_rays: usize,
+    /// Of one dispatch.
+    pub max_rays: usize,
 }
 
 impl SceneDevice {
@@ -238,8 +239,8 @@ impl SceneDevice {
             let DeviceScene { group, trace_closest, trace_any, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let both = (device, queue);
-            let hits = trace_closest.encode(both, &mut encoder, group, scene_max_abs, closest);
-            let occluded = trace_any.encode(both, &mut encoder, group, scene_max_abs, any);
+            let hits = trace_closest.encode(both, &mut encoder, group, scene_max_abs, closest, None);
+            let occluded = trace_any.encode(both, &mut encoder, group, scene_max_abs, any, None);
             if let Some(Fault::Hang(_)) = fault {
                 return Err(self.gpu.simulate_hang());
             }
@@ -291,6 +292,11 @@ impl DeviceTracer for GpuTracer {
 
     fn bundle_rays(&self) -> Option<usize> {
         self.shared.device().gpu.bundle_rays()
+    }
+
+    fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        let device = self.shared.device();
+        self.with(&device, || device.kernel_seconds(rays, any_hit, self.shared.scene_max_abs()))
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {

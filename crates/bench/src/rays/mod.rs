@@ -8,6 +8,7 @@
 //!   kind of ray. Rays are converted to its layouts before the clock starts.
 //! - Users get rays from the service or from `query`, so these have rows beside the bare tracer's. Their time
 //!   includes the memory of the answers.
+//! - A GPU has two rows: from rays to canonical hits, and its kernels alone, between timestamps of its own.
 //! - Scenes with alpha masks are traced with their alpha test by all: by Embree with filter functions that call the
 //!   same test. Contenders without an alpha test (`query`, obvhs) are left out there.
 
@@ -85,6 +86,13 @@ pub struct Report {
     pub agreement: Vec<Agreement>,
 }
 
+impl Report {
+    /// True if a device has timed its kernels.
+    pub fn has_kernel_times(&self) -> bool {
+        self.rows.iter().any(|row| row.unit.starts_with(device::KERNELS))
+    }
+}
+
 /// Error of the measurement.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
@@ -124,6 +132,10 @@ pub fn run(
     for &kind in &options.kinds {
         let rays: Vec<InOrder> =
             kind.orders().iter().map(|&order| InOrder::new(workload, kind, order)).collect();
+        let kernels = match &prepared.tracers.device {
+            Some(device) => device::kernels(&**device, kind)?,
+            None => None,
+        };
         let mut contenders = Vec::new();
         for (pool, service) in pools.iter().zip(&services) {
             let clock = Clock { pool };
@@ -135,6 +147,8 @@ pub fn run(
             with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
             contenders.extend(with_these.into_iter().enumerate());
         }
+        // No host thread has a part in it.
+        contenders.extend(kernels.map(|kernels| (usize::MAX, kernels)));
         // The same contender with one and with more threads is timed one after the other, so that other load on the
         // machine changes their ratio little.
         contenders.sort_by_key(|&(place, _)| place);

@@ -23,6 +23,7 @@ pub fn print() {
             adapter.max_storage_bindings
         );
         stdout_line!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
+        stdout_line!("  timestamps:     {}", if adapter.timestamps { "yes" } else { "no" });
         stdout_line!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
         stdout_line!("  bundles:        {}", bundles(&adapter));
     }

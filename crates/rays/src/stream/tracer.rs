@@ -100,6 +100,15 @@ pub trait DeviceTracer: Send + Sync {
         None
     }
 
+    /// Seconds that the device's kernels take for these rays by the device's own clock, apart from copies and the host.
+    /// For measurements. `None` if the device cannot tell.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    fn kernel_seconds(&self, _rays: &[Ray], _any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        Ok(None)
+    }
+
     /// Allocates memory for a stream of the given capacity, in which the device reads rays in place or
     /// fetches them by itself. `current` is the device memory that stores the stream's rays now, if any.
     /// Returns `None` if the device has no such memory, or if `current` will do.
