@@ -19,6 +19,9 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
         if MEMBERS && !way.inside {
             current_member = reference & ~LEAF;
             member = members[current_member];
+            if COUNTS {
+                visit_instance();
+            }
             way.inside = true;
             way.bottom = way.height;
             reference = member.root;

@@ -5,7 +5,7 @@ use super::units::{UnitChoice, UnitsError};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
     Capacity, DeviceError, DeviceMemory, DeviceState, DeviceStream, DeviceTracer, Ray, StreamMemory, Ticket,
-    Tracer,
+    Tracer, Visits,
 };
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use crate::trace::gpu::{AdapterChoice, AdapterInfo, Fault, FoundAdapter, Gpu, GpuError, GpuTracer};
@@ -215,6 +215,10 @@ impl DeviceTracer for LateTracer {
 
     fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
         self.ready().map_or(Ok(None), |tracer| tracer.kernel_seconds(rays, any_hit))
+    }
+
+    fn visits(&self, rays: &[Ray]) -> Result<Option<Vec<Visits>>, DeviceError> {
+        self.ready().map_or(Ok(None), |tracer| tracer.visits(rays))
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {

@@ -6,6 +6,7 @@ mod failure;
 mod faults;
 #[path = "../tracing/instanced_scenes.rs"]
 mod instanced_scenes;
+mod measurement;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]

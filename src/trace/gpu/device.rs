@@ -330,7 +330,7 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
-        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed (`kernel_clock.rs`).
+        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed (`measurement.rs`).
         required_features: adapter.features()
             & (wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY),
         memory_hints: wgpu::MemoryHints::Performance,

@@ -7,8 +7,8 @@
 //! | host memory | staging buffers; wgpu stages the rays, the answers are mapped and copied | 32 + answer |
 
 use super::exact::Layouts;
-use super::kernel_clock::KernelClock;
 use super::kernel::Kernel;
+use super::kernel_clock::KernelClock;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::shared_buffer::SharedBuffer;
 use super::undecided::{Mapped, Undecided, UndecidedList};

@@ -19,6 +19,7 @@ pub(super) const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgs
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
+const VISITS: &str = include_str!("../../../shaders/shared/visits.wgsl");
 const LEAF: &str = include_str!("../../../shaders/shared/leaf.wgsl");
 const TRAVERSE: &str = include_str!("../../../shaders/shared/traverse.wgsl");
 const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
@@ -54,9 +55,10 @@ impl Kernel {
 
     /// The whole source for scenes of this shape.
     pub fn source(self, shape: &Shape) -> String {
-        let exact = format!("const EXACT: bool = {};\n", self.names_places(shape));
-        let (constants, pages) = (constants(shape) + &exact, shape.pages.source());
-        let common = [RAY, TRIANGLE, PLACEMENT, LEAF, WIDE, TRAVERSE];
+        let (exact, counts) = (self.names_places(shape), shape.counts);
+        let kinds = format!("const EXACT: bool = {exact};\nconst COUNTS: bool = {counts};\n");
+        let (constants, pages) = (constants(shape) + &kinds, shape.pages.source());
+        let common = [RAY, TRIANGLE, PLACEMENT, VISITS, LEAF, WIDE, TRAVERSE];
         [&[&*constants, LAYOUT, &pages], &common[..], &[self.body()]].concat().join("\n")
     }
 }
@@ -71,6 +73,8 @@ pub(super) struct Shape {
     pub pages: ScenePages,
     /// True if other kernels make hits of the candidates.
     pub exact: bool,
+    /// True if the answers to closest hits are what rays visit.
+    pub counts: bool,
 }
 
 /// Declarations of the constants that host and device share; Rust defines them.
@@ -130,11 +134,11 @@ mod tests {
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
     fn parse(kernel: Kernel) -> naga::Module {
-        parse_shape(kernel, ScenePages::ONE, false)
+        parse_shape(kernel, ScenePages::ONE, [false; 2])
     }
 
-    fn parse_shape(kernel: Kernel, pages: ScenePages, exact: bool) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, members: true, pages, exact });
+    fn parse_shape(kernel: Kernel, pages: ScenePages, [exact, counts]: [bool; 2]) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, members: true, pages, exact, counts });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
@@ -142,9 +146,10 @@ mod tests {
     fn every_kernel_is_valid_without_any_optional_capability() {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
         let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
-        let kernels = ALL.into_iter().flat_map(|kernel| [false, true].map(|exact| (kernel, exact)));
-        for ((kernel, exact), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
-            let module = parse_shape(kernel, pages, exact);
+        let kinds = [[false; 2], [true, false], [false, true]];
+        let kernels = ALL.into_iter().flat_map(|kernel| kinds.map(|kind| (kernel, kind)));
+        for ((kernel, kind), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
+            let module = parse_shape(kernel, pages, kind);
             Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));

@@ -1,12 +1,4 @@
-//! The time of kernels by the device's own clock, apart from copies, waits and the host: timestamps before and behind
-//! them. For measurements; bundles are traced without.
-
-use super::dispatch::{KernelPipeline, Request};
-use super::tracer::SceneDevice;
-use super::Gpu;
-use crate::stream::{DeviceError, Hit, Ray};
-use bytemuck::{Pod, Zeroable};
-use std::fmt::Debug;
+//! The device's own clock: timestamps before a dispatch's kernels and behind them.
 
 /// Timestamps before a dispatch's kernels and behind them.
 #[derive(Debug)]
@@ -20,20 +12,27 @@ impl KernelClock {
     /// Bytes of both timestamps.
     const BYTES: u64 = 2 * wgpu::QUERY_SIZE as u64;
 
-    fn new(device: &wgpu::Device) -> Self {
+    /// A clock for one dispatch.
+    pub fn new(device: &wgpu::Device) -> Self {
         use wgpu::BufferUsages as U;
         let label = Some("kernel clock");
         let ty = wgpu::QueryType::Timestamp;
         let queries = device.create_query_set(&wgpu::QuerySetDescriptor { label, ty, count: 2 });
         let buffer = |usage| {
             let mapped_at_creation = false;
-            device.create_buffer(&wgpu::BufferDescriptor { label, size: Self::BYTES, usage, mapped_at_creation })
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label,
+                size: Self::BYTES,
+                usage,
+                mapped_at_creation,
+            })
         };
-        let (resolved, readback) = (buffer(U::QUERY_RESOLVE | U::COPY_SRC), buffer(U::COPY_DST | U::MAP_READ));
+        let (resolved, readback) =
+            (buffer(U::QUERY_RESOLVE | U::COPY_SRC), buffer(U::COPY_DST | U::MAP_READ));
         Self { queries, resolved, readback }
     }
 
-    /// What a pass writes.
+    /// Writes of a pass: a timestamp before it and one behind it.
     pub fn writes(&self) -> wgpu::ComputePassTimestampWrites<'_> {
         wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
@@ -42,63 +41,21 @@ impl KernelClock {
         }
     }
 
-    fn encode_copy(&self, encoder: &mut wgpu::CommandEncoder) {
+    /// Copies the timestamps behind what has been encoded.
+    pub fn encode_copy(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.resolve_query_set(&self.queries, 0..2, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.readback, 0, Self::BYTES);
     }
 
+    /// Requests that the timestamps be mapped, after the commands have been submitted.
+    pub fn map(&self) {
+        self.readback.map_async(wgpu::MapMode::Read, .., |_| {});
+    }
+
     /// The time between the two, once the submission is done, in units of the queue's period.
-    fn read(&self) -> Result<u64, String> {
+    pub fn read(&self) -> Result<u64, String> {
         let view = self.readback.get_mapped_range(..).map_err(|error| error.to_string())?;
         let stamps: Vec<u64> = bytemuck::pod_collect_to_vec(&view);
         Ok(stamps[1].wrapping_sub(stamps[0]))
-    }
-}
-
-impl SceneDevice {
-    /// [`crate::stream::DeviceTracer::kernel_seconds`].
-    pub fn kernel_seconds(
-        &self,
-        rays: &[Ray],
-        any_hit: bool,
-        scene_max_abs: f32,
-    ) -> Result<Option<f64>, DeviceError> {
-        if !self.gpu.info().timestamps {
-            return Ok(None);
-        }
-        let seconds = rays.chunks(self.max_rays).map(|rays| match any_hit {
-            false => self.kernel_time::<Hit>(&self.scene.trace_closest, rays, scene_max_abs),
-            true => self.kernel_time::<u32>(&self.scene.trace_any, rays, scene_max_abs),
-        });
-        seconds.sum::<Result<f64, String>>().map(Some).map_err(DeviceError::Lost)
-    }
-
-    /// Seconds that the kernels take for the rays of one dispatch.
-    fn kernel_time<A: Pod + Zeroable + Debug + Send + Sync>(
-        &self,
-        kernel: &KernelPipeline,
-        rays: &[Ray],
-        scene_max_abs: f32,
-    ) -> Result<f64, String> {
-        let gpu: &Gpu = &self.gpu;
-        let mut answers = vec![A::zeroed(); rays.len()];
-        let mut request = Request::InHostMemory { rays, answers: &mut answers };
-        let ticks = gpu.guard(|device, queue| {
-            let clock = KernelClock::new(device);
-            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            let (both, group) = ((device, queue), &self.scene.group);
-            let encoded =
-                kernel.encode(both, &mut encoder, group, scene_max_abs, &mut request, Some(&clock));
-            let Some(encoded) = encoded else { return Ok((0, 0.0)) };
-            clock.encode_copy(&mut encoder);
-            let submission = queue.submit([encoder.finish()]);
-            clock.readback.map_async(wgpu::MapMode::Read, .., |_| {});
-            let in_flight = encoded.map(true, kernel.is_exact());
-            gpu.watchdog.record(gpu.wait(&submission)?);
-            kernel.read_back(&mut request, in_flight)?;
-            Ok((clock.read()?, queue.get_timestamp_period()))
-        })?;
-        let (ticks, period_ns) = ticks;
-        Ok(ticks as f64 * f64::from(period_ns) * 1e-9)
     }
 }

@@ -63,6 +63,7 @@ mod host_memory;
 mod kernel;
 mod kernel_clock;
 mod layout;
+mod measurement;
 mod pages;
 mod probe;
 mod resolve;

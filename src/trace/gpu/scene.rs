@@ -20,6 +20,9 @@ pub(super) type Source = fn(Kernel, &Shape) -> String;
 pub(super) struct DeviceScene {
     /// Group 0: the pages of nodes, pairs and identities, and members.
     pub group: wgpu::BindGroup,
+    /// The shape for which kernels are compiled, and the layouts of both groups.
+    shape: Shape,
+    layouts: [wgpu::BindGroupLayout; 2],
     pub trace_closest: KernelPipeline,
     pub trace_any: KernelPipeline,
     /// How the device makes hits of candidates, or why the host does.
@@ -56,7 +59,7 @@ impl DeviceScene {
             }
             Ok(buffers)
         };
-        let shape = Shape { stack, members: !members.is_empty(), pages, exact: false };
+        let shape = Shape { stack, members: !members.is_empty(), pages, exact: false, counts: false };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
         let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings()));
         let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
@@ -72,7 +75,22 @@ impl DeviceScene {
             device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries })
         });
         let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
-        Ok(Self { group, trace_closest, trace_any, exact_hits, bytes })
+        let layouts = [layout, request];
+        Ok(Self { group, shape, layouts, trace_closest, trace_any, exact_hits, bytes })
+    }
+
+    /// Compiles a kernel that answers with what rays visit on their way to the closest hit.
+    ///
+    /// # Errors
+    /// When the device refuses the kernel or is lost.
+    pub fn counting_kernel(&self, gpu: &Gpu) -> Result<KernelPipeline, String> {
+        let [scene, request] = &self.layouts;
+        let (shape, layouts) = (Shape { counts: true, ..self.shape }, Layouts { scene, request });
+        let compiled = gpu.attempt(|device, _| {
+            let kernel = Kernel::TraceClosest;
+            KernelPipeline::new(device, kernel, kernel.source(&shape), layouts, gpu.info().shared_memory)
+        });
+        compiled.and_then(|compiled| compiled)
     }
 }
 

@@ -12,7 +12,7 @@ use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
     BlockingTracer, Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceStream, DeviceTracer, Hit,
-    Queries, Ray, StreamMemory, Ticket, Tracer,
+    Queries, Ray, StreamMemory, Ticket, Tracer, Visits,
 };
 use std::fmt;
 use std::ops::Range;
@@ -297,6 +297,10 @@ impl DeviceTracer for GpuTracer {
     fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
         let device = self.shared.device();
         self.with(&device, || device.kernel_seconds(rays, any_hit, self.shared.scene_max_abs()))
+    }
+
+    fn visits(&self, rays: &[Ray]) -> Result<Option<Vec<Visits>>, DeviceError> {
+        self.shared.device().visits(rays, self.shared.scene_max_abs()).map(Some)
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {

@@ -186,6 +186,7 @@ mod tests {
     use raystream::engine::Units;
     use raystream::scene::Camera;
     use raystream::scene::generate;
+    use std::sync::Arc;
 
     fn report(source: &str) -> Report {
         let scene = generate::scene(source.as_ref()).expect("a size in range");

@@ -49,7 +49,9 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         let report = one_scene(view, args, &units, embree.as_ref(), &options)?;
         print(view, &report);
         if let (Some(adapter), false) = (&args.adapter, report.has_kernel_times()) {
-            stdout_line!("the adapter {adapter:?} has no timestamps: its kernels are not timed by themselves");
+            stdout_line!(
+                "the adapter {adapter:?} has no timestamps: its kernels are not timed by themselves"
+            );
         }
         reports.push((name(view), report));
     }

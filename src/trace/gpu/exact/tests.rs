@@ -20,7 +20,7 @@ fn pairs() -> u32 {
     asked.map_or(120_000, |text| text.parse().expect("a number of pairs"))
 }
 
-const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, exact: true };
+const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, exact: true, counts: false };
 
 #[test]
 fn kernels_are_valid_for_every_shape_and_route() {
