@@ -4,8 +4,6 @@
 
 @group(1) @binding(2) var<storage, read_write> answers: array<u32>;
 
-const CULLS: bool = false;
-
 struct Found {
     limit: f32,
     answer: u32,

@@ -1,10 +1,8 @@
 // Closest hits. The answer has the words of `Candidates`: the primitives among which the canonical nearest hit of the
-// ray is, or their places if EXACT. Of members there are two places, then their members' numbers.
+// ray is, or their places if EXACT. Of members there are two places, then their members' numbers. If COUNTS, the answer
+// is what the ray has visited.
 
 @group(1) @binding(2) var<storage, read_write> answers: array<vec4<u32>>;
-
-// Nodes on the stack are skipped if the ray enters them beyond the limit.
-const CULLS: bool = true;
 
 // `limit` is the least distance within which some triangle is certainly hit, so the canonical hit is not farther.
 // Triangles that are not refused and may be as near are kept, in order of their least possible distances. A triangle
@@ -56,11 +54,16 @@ fn trace_closest(@builtin(global_invocation_id) id: vec3<u32>) {
         let is_miss = fitness == REFUSED;
         let first = select(MISS, UNDECIDED, EXACT && !is_miss);
         let rest = select(-1.0, LARGEST_FLOAT, is_miss);
-        answers[slot] = vec4<u32>(first, MISS, MISS, bitcast<u32>(rest));
+        let answer = vec4<u32>(first, MISS, MISS, bitcast<u32>(rest));
+        answers[slot] = select(answer, vec4<u32>(0u), vec4<bool>(COUNTS));
         return;
     }
     var found = Found(ray.t_max, vec3<u32>(MISS), vec2<u32>(0u), vec3<f32>(LARGEST_FLOAT), LARGEST_FLOAT);
     traverse(ray, &found);
+    if COUNTS {
+        answers[slot] = vec4<u32>(visits.nodes, visits.triangles, visits.bytes, visits.instances);
+        return;
+    }
     let near = select(vec3<u32>(MISS), found.kept, found.lows <= vec3<f32>(found.limit));
     let rest = select(LARGEST_FLOAT, found.rest, found.rest <= found.limit);
     if EXACT && MEMBERS {

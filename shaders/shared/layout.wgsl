@@ -8,18 +8,6 @@ struct Ray {
     t_max: f32,
 }
 
-// An inner node of the binary tree: boxes and references of both children.
-struct BinaryNode {
-    left_min: vec3<f32>,
-    left: u32,
-    left_max: vec3<f32>,
-    spare_0: u32,
-    right_min: vec3<f32>,
-    right: u32,
-    right_max: vec3<f32>,
-    spare_1: u32,
-}
-
 // An inner node of the eight-wide tree. The faces of its children's boxes are at whole steps from `origin`, a byte for
 // each slot; these boxes contain the exact ones. `shape` has the biased exponents of the steps along x, y and z, a byte
 // each, and in its highest byte a bit for every slot in use.

@@ -10,6 +10,9 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: p
     let pairs = ((reference >> PAIRS_SHIFT) & 7u) + 1u;
     for (var index = first; index < first + pairs; index++) {
         let pair = pair_in_world(index, member);
+        if COUNTS {
+            visit_pair(index);
+        }
         let corner_d = vec3<f32>(pair.d_x, pair.d_y, pair.d_z);
         let a = rounded(pair.a - ray.origin);
         let b = rounded(pair.b - ray.origin);
@@ -27,6 +30,9 @@ fn through_leaf(ray: PreparedRay, reference: u32, member: TreeInstance, found: p
             let is_second = open == 2u;
             open &= open - 1u;
             let identities = identity_at(index);
+            if COUNTS {
+                visit_identities();
+            }
             let identity = select(identities.x, identities.y, is_second);
             let p = select(pair.a, pair.c, is_second);
             let q = pair.b;

@@ -12,8 +12,6 @@ const CERTAIN: u32 = 2u;
 struct PreparedRay {
     origin: vec3<f32>,
     direction: vec3<f32>,
-    // The direction without a zero component, for slab tests.
-    slanted: vec3<f32>,
     inverse: vec3<f32>,
     shift: vec3<f32>,
     near: vec3<f32>,
@@ -83,8 +81,7 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
     let pad = (2.0 * SLACK * max(params.scene_max_abs, reach)) * abs(inverse);
     // If products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
     let drowned = MEMBERS && SLACK * max(params.scene_max_abs, reach) < LEAST_PAD;
-    let too_far = BY_QUERY && reach > QUERY_REACH * params.scene_max_abs;
-    if drowned || too_far || smallest(pad) < LEAST_PAD {
+    if drowned || smallest(pad) < LEAST_PAD {
         return UNCERTAIN;
     }
     let shift = -(ray.origin * inverse);
@@ -92,7 +89,6 @@ fn prepare(ray: Ray, prepared: ptr<function, PreparedRay>) -> u32 {
 
     (*prepared).origin = ray.origin;
     (*prepared).direction = ray.direction;
-    (*prepared).slanted = slanted;
     (*prepared).inverse = inverse;
     (*prepared).shift = shift;
     (*prepared).near = shift - pad;

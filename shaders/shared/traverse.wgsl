@@ -1,6 +1,6 @@
-// Traversal of the scene, for the kernels and trees that are in the host's layout. The kernel defines `take`, which
-// records a triangle that is not refused and returns whether the ray is done, and `limit_of`, the distance up to which
-// hits matter. The tree defines `descend`, which visits an inner node, and `next`, which follows a leaf.
+// Traversal of the scene. The kernel defines `take`, which records a triangle that is not refused and returns whether
+// the ray is done, and `limit_of`, the distance up to which hits matter. `descend` visits an inner node, and `next`
+// follows a leaf (`wide.wgsl`).
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
     var way: Way;
@@ -19,6 +19,9 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
         if MEMBERS && !way.inside {
             current_member = reference & ~LEAF;
             member = members[current_member];
+            if COUNTS {
+                visit_instance();
+            }
             way.inside = true;
             way.bottom = way.height;
             reference = member.root;

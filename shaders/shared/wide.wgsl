@@ -21,6 +21,9 @@ struct Way {
 // reference to visit.
 fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, way: ptr<function, Way>) -> u32 {
     let node = node_at(reference);
+    if COUNTS {
+        visit_node();
+    }
     let steps = vec3<f32>(step_of(node.shape), step_of(node.shape >> 8u), step_of(node.shape >> 16u));
     var slots: u32;
     if MEMBERS && (*way).inside {
@@ -38,6 +41,9 @@ fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: f32, w
         (*way).waiting[(*way).height] = rest;
         (*way).height += 1u;
     }
+    if COUNTS {
+        visit_child();
+    }
     return child_at(reference, countTrailingZeros(waiting) ^ ray.octant);
 }
 
@@ -52,6 +58,9 @@ fn next(ray: PreparedRay, limit: f32, way: ptr<function, Way>) -> u32 {
     let rest = waiting & (waiting - 1u);
     (*way).waiting[top] = rest;
     (*way).height = select((*way).height, top, rest == 0u);
+    if COUNTS {
+        visit_child();
+    }
     return child_at((*way).nodes[top], countTrailingZeros(waiting) ^ ray.octant);
 }
 

@@ -5,7 +5,7 @@ use super::units::{UnitChoice, UnitsError};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
     Capacity, DeviceError, DeviceMemory, DeviceState, DeviceStream, DeviceTracer, Ray, StreamMemory, Ticket,
-    Tracer,
+    Tracer, Visits,
 };
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use crate::trace::gpu::{AdapterChoice, AdapterInfo, Fault, FoundAdapter, Gpu, GpuError, GpuTracer};
@@ -136,26 +136,6 @@ impl OpenGpu {
         });
         Ok(Device(Arc::new(LateTracer { name, tracer })))
     }
-
-    /// The tracers of a tree with each kind of kernel, for comparison.
-    ///
-    /// # Errors
-    /// When the GPU cannot trace the tree.
-    pub(super) fn variants(
-        &self,
-        bvh: &Arc<Bvh>,
-        filter: Option<&Arc<dyn Filter>>,
-        host: &Arc<dyn Tracer>,
-    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        let gpu = self.gpu.wait().as_ref().map_err(String::clone)?;
-        let tracer = |variant| {
-            let filter = filter.map(Arc::clone);
-            let tracer =
-                GpuTracer::with_variant(Arc::clone(gpu), Arc::clone(bvh), filter, Arc::clone(host), variant);
-            tracer.map(|tracer| Arc::new(tracer) as Arc<dyn DeviceTracer>).map_err(|error| error.to_string())
-        };
-        gpu.info().variants().map(tracer).collect()
-    }
 }
 
 /// Opens and measures an adapter.
@@ -231,6 +211,14 @@ impl DeviceTracer for LateTracer {
 
     fn bundle_rays(&self) -> Option<usize> {
         DeviceTracer::bundle_rays(self.ready()?)
+    }
+
+    fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        self.ready().map_or(Ok(None), |tracer| tracer.kernel_seconds(rays, any_hit))
+    }
+
+    fn visits(&self, rays: &[Ray]) -> Result<Option<Vec<Visits>>, DeviceError> {
+        self.ready().map_or(Ok(None), |tracer| tracer.visits(rays))
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {

@@ -58,16 +58,6 @@ impl OpenGpu {
     ) -> Result<Device, String> {
         match *self {}
     }
-
-    /// The tracers of a tree with each kind of kernel.
-    pub(super) fn variants(
-        &self,
-        _: &Arc<Bvh>,
-        _: Option<&Arc<dyn Filter>>,
-        _: &Arc<dyn Tracer>,
-    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        match *self {}
-    }
 }
 
 /// A GPU that has a tree: there is none.

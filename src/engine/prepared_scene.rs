@@ -12,7 +12,7 @@ use crate::render::{
 use crate::scene::{Camera, Scene, SceneError};
 use crate::schedule::{JobHandle, JobOptions, LimitsError, Renderer, SceneId, Service, Tracers};
 use crate::shade::LitScene;
-use crate::stream::{DeviceTracer, Hit, Ray, Tracer};
+use crate::stream::{Hit, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
 use bytemuck::Pod;
 use std::fmt;
@@ -310,14 +310,6 @@ impl PreparedScene {
         options: JobOptions,
     ) -> Result<JobHandle, LimitsError> {
         service.submit(renderer, self.tracers.clone(), options)
-    }
-
-    /// The GPU's tracers with each kind of kernel, for comparison. Empty without a GPU.
-    ///
-    /// # Errors
-    /// Why the GPU cannot trace the scene.
-    pub fn variants(&self, units: &Units) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        units.variants(&self.bvh, self.filter.clone(), &self.tracers.host)
     }
 }
 

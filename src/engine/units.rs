@@ -4,7 +4,7 @@ use super::gpu::{ABORTS, Device, GpuOptions, OpenGpu};
 use crate::bvh::{Bvh, Filter};
 use crate::profile;
 use crate::schedule::Unit;
-use crate::stream::{DeviceTracer, Tracer};
+use crate::stream::Tracer;
 use crate::trace::cpu::{SimdError, SimdLevel};
 use std::sync::{Arc, Once};
 
@@ -213,19 +213,6 @@ impl Units {
             Gpus::NotRequested => Ok(None),
             Gpus::Unavailable(reason) => Err(reason.clone()),
             Gpus::Open(gpu) => gpu.device(bvh, filter, host).map(Some),
-        }
-    }
-
-    /// The GPU's tracers of a tree with each kind of kernel, for comparison. Empty without a GPU.
-    pub(super) fn variants(
-        &self,
-        bvh: &Arc<Bvh>,
-        filter: Option<Arc<dyn Filter>>,
-        host: &Arc<dyn Tracer>,
-    ) -> Result<Vec<Arc<dyn DeviceTracer>>, String> {
-        match &self.gpu {
-            Gpus::NotRequested | Gpus::Unavailable(_) => Ok(Vec::new()),
-            Gpus::Open(gpu) => gpu.variants(bvh, filter.as_ref(), host),
         }
     }
 }

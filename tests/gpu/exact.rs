@@ -1,13 +1,9 @@
 //! The same bits as the reference.
 
-use crate::{
-    compare, instanced_scenes, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of, tracers_with,
-};
+use crate::{compare, instanced_scenes, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of};
 use glam::Vec3;
-use raystream::bvh::Bvh;
 use raystream::stream::{BlockingTracer, Hit, MISS, Ray};
-use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{AdapterChoice, Fault, Gpu, GpuTracer, TreeKind, Variant};
+use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::sync::Arc;
 
 /// Meshes of every kind, with the place and the size they are brought to.
@@ -69,46 +65,6 @@ fn trees_of_placed_trees_give_the_bits_of_the_triangles_written_out() {
         assert!(report.retraced <= 2 * written_out.retraced + 100, "{name}: {report:?} {written_out:?}");
         assert!(name != "many" || tracer.scene_bytes() * 4 < flat.scene_bytes());
     }
-}
-
-/// Queries of hardware are asked where the adapter has them; where not, they are refused in so many words.
-#[test]
-fn hardware_ray_queries_give_the_reference_bits_where_there_are_any() {
-    let gpu = open();
-    let by_query = Variant { tree: TreeKind::Device, pairs: true };
-    if !gpu.info().variants().any(|variant| variant == by_query) {
-        println!("{} has no ray queries: only their refusal is tested", gpu.info());
-        let bvh = Arc::new(Bvh::build(&[], &[], |_| false));
-        let cpu = Arc::new(Oracle::new(bvh.clone(), None));
-        let refusal = GpuTracer::with_variant(gpu, bvh, None, cpu, by_query).expect_err("no queries");
-        return assert!(refusal.to_string().contains("no ray queries"), "{refusal}");
-    }
-    for (name, mesh, centre, scale) in zoo() {
-        let mut rays = rays::mixed(&mesh, 5003, Vec3::ZERO, 1.0, 41);
-        for ray in &mut rays {
-            ray.origin = (Vec3::from(ray.origin) * scale + centre).into();
-            (ray.t_min, ray.t_max) = (ray.t_min * scale, ray.t_max * scale);
-        }
-        let mesh = mesh.scaled(scale).moved(centre);
-        let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |p| p % 4 == 1));
-        let (oracle, tracer) = tracers_with(&gpu, bvh, by_query);
-        let (hits, occluded, report) = trace(&tracer, &rays, &rays);
-        compare(name, &oracle, &rays, &hits, &occluded);
-        // Most rays are the query's, not the host's.
-        let vanish = name == "vanishing";
-        assert!(vanish || report.retraced * 3 < 2 * rays.len() as u64, "{name}: {report:?}");
-    }
-    for (name, scene, scale) in instanced_scenes::all() {
-        let rays = instanced_scenes::rays(&scene.mesh, scale, 3000);
-        let (oracle, _) = tracers(&gpu, &scene.mesh, true);
-        let (_, tracer) = tracers_with(&gpu, scene.bvh, by_query);
-        let (hits, occluded, _) = trace(&tracer, &rays, &rays);
-        compare(name, &oracle, &rays, &hits, &occluded);
-    }
-    let (oracle, tracer) = tracers_with(&gpu, Arc::new(Bvh::build(&[], &[], |_| false)), by_query);
-    let rays = rays::mixed(&meshes::soup(9, 0.3, 1), 100, Vec3::ZERO, 1.0, 42);
-    let (hits, occluded, _) = trace(&tracer, &rays, &rays);
-    compare("nothing", &oracle, &rays, &hits, &occluded);
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod failure;
 mod faults;
 #[path = "../tracing/instanced_scenes.rs"]
 mod instanced_scenes;
+mod measurement;
 #[path = "../tracing/meshes.rs"]
 mod meshes;
 #[path = "../tracing/rays.rs"]
@@ -18,7 +19,7 @@ use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};
 use raystream::stream::{BlockingTracer, DeviceReport, Hit, Queries, Ray};
 use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer, Variant};
+use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer};
 use std::sync::Arc;
 
 /// Lets light through in a pattern.
@@ -44,15 +45,10 @@ fn tracers(gpu: &Arc<Gpu>, mesh: &Mesh, masked: bool) -> (Oracle, GpuTracer) {
 
 /// The same over a tree.
 fn tracers_of(gpu: &Arc<Gpu>, bvh: Arc<Bvh>) -> (Oracle, GpuTracer) {
-    tracers_with(gpu, bvh, Variant::default())
-}
-
-/// The same with other kernels.
-fn tracers_with(gpu: &Arc<Gpu>, bvh: Arc<Bvh>, variant: Variant) -> (Oracle, GpuTracer) {
     let filter: Option<Arc<dyn Filter>> = Some(Arc::new(Stripes));
     let oracle = Oracle::new(bvh.clone(), filter.clone());
     let cpu = Arc::new(oracle.clone());
-    let tracer = GpuTracer::with_variant(gpu.clone(), bvh, filter, cpu, variant).expect("the scene fits");
+    let tracer = GpuTracer::new(gpu.clone(), bvh, filter, cpu).expect("the scene fits");
     (oracle, tracer)
 }
 

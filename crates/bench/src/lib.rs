@@ -21,6 +21,7 @@ pub mod tables;
 pub mod tail;
 pub mod textures;
 pub mod triangle_test;
+pub mod visits;
 mod workload;
 
 pub use order::Order;

@@ -1,6 +1,6 @@
 //! Lists the machine's adapters and chooses one.
 
-use super::{GpuError, TreeKind, Variant, device_tree};
+use super::GpuError;
 use std::fmt;
 
 /// Which adapter to open. The default is the fastest hardware.
@@ -61,10 +61,10 @@ pub struct AdapterInfo {
     pub max_workgroups: u32,
     /// The smallest and the largest subgroup: threads that run in lockstep.
     pub subgroup: (u32, u32),
+    /// True if the device tells when a kernel begins and ends.
+    pub timestamps: bool,
     /// True if kernels can use memory that the host also uses at full speed, so that streams need not be copied.
     pub shared_memory: bool,
-    /// The most boxes of a hardware ray query; 0 without ray queries.
-    pub max_query_boxes: u32,
 }
 
 impl AdapterInfo {
@@ -90,24 +90,13 @@ impl AdapterInfo {
                 .min(limits.max_buffers_and_acceleration_structures_per_shader_stage.saturating_sub(1)),
             max_workgroups: limits.max_compute_workgroups_per_dimension,
             subgroup: (info.subgroup_min_size, info.subgroup_max_size),
+            timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
             // Discrete devices reach the host's memory too, but would read each ray across the bus.
             shared_memory: matches!(
                 info.device_type,
                 wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::Cpu
             ) && info.backend == wgpu::Backend::Vulkan,
-            max_query_boxes: device_tree::most_boxes(adapter),
         }
-    }
-
-    /// The layouts of scenes that the adapter supports, the default first.
-    pub fn variants(&self) -> impl Iterator<Item = Variant> + use<> {
-        let has_queries = self.max_query_boxes > 0;
-        Variant::ALL.into_iter().filter(move |variant| has_queries || variant.tree != TreeKind::Device)
-    }
-
-    /// The most boxes of a hardware ray query; they must fit one buffer.
-    pub(super) fn max_boxes(&self) -> u64 {
-        u64::from(self.max_query_boxes).min(self.max_buffer_bytes / device_tree::BOX_BYTES)
     }
 }
 
@@ -207,8 +196,8 @@ mod tests {
             max_storage_bindings: 32,
             max_workgroups: 65535,
             subgroup: (8, 8),
+            timestamps: false,
             shared_memory: false,
-            max_query_boxes: 0,
         }
     }
 

@@ -157,8 +157,8 @@ fn encode(
     let encode = |(rays, shadow_rays): (Range<usize>, Range<usize>)| {
         let ranges = (rays.clone(), shadow_rays.clone());
         let (mut closest, mut any) = requests(device, stream, &mut answers, ranges);
-        let closest = trace_closest.encode(both, encoder, group, scene_max_abs, &mut closest);
-        let any = trace_any.encode(both, encoder, group, scene_max_abs, &mut any);
+        let closest = trace_closest.encode(both, encoder, group, scene_max_abs, &mut closest, None);
+        let any = trace_any.encode(both, encoder, group, scene_max_abs, &mut any, None);
         (rays, shadow_rays, [closest, any])
     };
     ranges.map(encode).collect()

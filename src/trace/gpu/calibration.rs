@@ -1,12 +1,12 @@
-//! Calibration: measures which kernels and sizes of bundles suit a device, once for each adapter and driver.
+//! Calibration: measures which size of bundles suits a device, once for each adapter and driver.
 //!
 //! A submission has a fixed cost, however few rays it has. Bundles are so large that this is an eighth of their time
 //! ([`Measured::bundle_rays`]). The scene is not the user's: the same hills and rays are used on every machine, so that
 //! the result can be kept. All measurements are interleaved, round after round, and the fastest of each counts, because
 //! whatever else the machine does can only add time.
 
-use super::tuning_cache::{self, BUNDLE_RAYS, TunedSizes};
-use super::{Gpu, GpuTracer, Variant};
+use super::tuning_cache::{self, BUNDLE_RAYS};
+use super::{Gpu, GpuTracer};
 use crate::bvh::Bvh;
 use crate::geom::mix;
 use crate::stream::{Capacity, Empty, Ray, RayStream, Tracer};
@@ -23,9 +23,6 @@ const FEWEST_RAYS: usize = 64;
 
 /// Dispatches grow until one takes this long.
 const LONG: Duration = Duration::from_millis(2);
-
-/// Kernels other than the default must be faster by this factor.
-const GAIN: f64 = 1.1;
 
 /// The fewest rounds of a measurement; there are more as long as [`TIME`] has not passed.
 const ROUNDS: usize = 2;
@@ -47,40 +44,30 @@ impl Measured {
     }
 }
 
-/// The index of the best time. A later time counts as better than an earlier one only if it is shorter by [`GAIN`].
-fn best(times: &[f64]) -> usize {
-    (1..times.len()).fold(0, |best, at| if times[at] * GAIN < times[best] { at } else { best })
-}
-
 impl Gpu {
-    /// Measures which kernels and sizes suit the device, or reads from `folder` what was measured before. `host` makes
-    /// a tracer of the host's. Tracers made from now on use the result ([`crate::stream::DeviceTracer::bundle_rays`]).
+    /// Measures which size of bundles suits the device, or reads from `folder` what was measured before. `host` makes a
+    /// tracer of the host's. Tracers made from now on use the result ([`crate::stream::DeviceTracer::bundle_rays`]).
     /// If the device fails meanwhile, there is no result.
     pub fn calibrate(mut self, folder: &Path, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Self {
-        self.tuned = tuning_cache::load(folder, self.info());
-        if self.tuned.is_some() {
+        self.bundle_rays = tuning_cache::load(folder, self.info());
+        if self.bundle_rays.is_some() {
             return self;
         }
         let gpu = Arc::new(self);
         let measured = measure(&gpu, host);
-        if let Some(tuned) = measured
-            && let Err(error) = tuning_cache::store(folder, gpu.info(), tuned)
+        if let Some(rays) = measured
+            && let Err(error) = tuning_cache::store(folder, gpu.info(), rays)
         {
-            log::debug!("the measured sizes of the GPU are not kept: {error}");
+            log::debug!("the measured size of the GPU's bundles is not kept: {error}");
         }
         let mut gpu = Arc::into_inner(gpu).expect("the calibration drops all tracers that it makes");
-        gpu.tuned = measured;
+        gpu.bundle_rays = measured;
         gpu
     }
 
     /// Rays of a bundle, if the device has been calibrated.
     pub fn bundle_rays(&self) -> Option<usize> {
-        self.tuned.map(|tuned| tuned.bundle_rays)
-    }
-
-    /// The layout of scenes with which the device is fastest, or the default if it has not been calibrated.
-    pub fn variant(&self) -> Variant {
-        self.tuned.map(|tuned| tuned.variant).unwrap_or_default()
+        self.bundle_rays
     }
 }
 
@@ -140,49 +127,33 @@ fn rounds(mut round: impl FnMut() -> Option<Vec<Duration>>) -> Option<Vec<f64>> 
     Some(least.iter().map(Duration::as_secs_f64).collect())
 }
 
-/// Measures the device; `None` if it fails.
-fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<TunedSizes> {
+/// Measures the device: rays of a bundle; `None` if it fails.
+fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Option<usize> {
     let bvh = Arc::new(scene());
     let host = host(bvh.clone());
-    // Pairs are faster on every device. The default kernels come first.
-    let variants: Vec<Variant> = gpu.info().variants().filter(|variant| variant.pairs).collect();
-    let tracer = |&variant| GpuTracer::with_variant(gpu.clone(), bvh.clone(), None, host.clone(), variant);
-    let tracers: Vec<GpuTracer> = variants.iter().map(tracer).collect::<Result<_, _>>().ok()?;
+    let tracer = GpuTracer::new(gpu.clone(), bvh, None, host).ok()?;
     let rays = rays(*BUNDLE_RAYS.end());
 
     // The first dispatch is slow, because memory is allocated and touched.
-    let mut stream = Stream::new();
-    for tracer in &tracers {
-        stream = trace(tracer, stream, rays.len(), &rays[..FEWEST_RAYS])?.0;
-    }
+    let (mut stream, _) = trace(&tracer, Stream::new(), rays.len(), &rays[..FEWEST_RAYS])?;
     let (mut count, mut took) = (FEWEST_RAYS, Duration::ZERO);
     while took < LONG && count < rays.len() {
         count = (count * 4).min(rays.len());
-        (stream, took) = trace(&tracers[0], stream, rays.len(), &rays[..count])?;
+        (stream, took) = trace(&tracer, stream, rays.len(), &rays[..count])?;
     }
     let mut pool = vec![stream];
     let times = rounds(|| {
-        let mut times = Vec::new();
-        let mut time = |tracer, count: usize| {
-            let (stream, took) = trace(tracer, pool.pop()?, rays.len(), &rays[..count])?;
+        let mut time = |count: usize| {
+            let (stream, took) = trace(&tracer, pool.pop()?, rays.len(), &rays[..count])?;
             pool.push(stream);
-            times.push(took);
-            Some(())
+            Some(took)
         };
-        for tracer in &tracers {
-            time(tracer, count)?;
-        }
-        for tracer in &tracers {
-            time(tracer, FEWEST_RAYS)?;
-        }
-        Some(times)
+        Some(vec![time(count)?, time(FEWEST_RAYS)?])
     })?;
-    let chosen = best(&times[..tracers.len()]);
-    let (many, few) = (times[chosen], times[tracers.len() + chosen]);
+    let (many, few) = (times[0], times[1]);
     let ray_ns = (1e9 * (many - few) / (count - FEWEST_RAYS) as f64).max(1e-3);
     let dispatch_ns = (1e9 * few - FEWEST_RAYS as f64 * ray_ns).max(0.0);
-    let bundle_rays = Measured { dispatch_ns, ray_ns }.bundle_rays();
-    Some(TunedSizes { bundle_rays, variant: variants[chosen] })
+    Some(Measured { dispatch_ns, ray_ns }.bundle_rays())
 }
 
 #[cfg(test)]
@@ -230,11 +201,10 @@ mod tests {
         let gpu = gpu().calibrate(folder.path(), host);
         let bundle_rays = gpu.bundle_rays().unwrap_or_else(|| panic!("it answers: {:?}", gpu.lost()));
         assert!(BUNDLE_RAYS.contains(&bundle_rays), "{bundle_rays}");
-        let variant = gpu.variant();
-        assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(TunedSizes { bundle_rays, variant }));
+        assert_eq!(tuning_cache::load(folder.path(), gpu.info()), Some(bundle_rays));
         let never = |_| -> Arc<dyn Tracer> { panic!("measured again") };
         let again = gpu.calibrate(folder.path(), never);
-        assert_eq!((again.bundle_rays(), again.variant()), (Some(bundle_rays), variant));
+        assert_eq!(again.bundle_rays(), Some(bundle_rays));
     }
 
     #[test]

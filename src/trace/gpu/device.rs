@@ -4,9 +4,8 @@
 use super::adapter::{AdapterChoice, AdapterInfo, FoundAdapter};
 use super::device_replacement::DeviceReplacement;
 use super::host_memory::HostMemory;
-use super::tuning_cache::TunedSizes;
 use super::watchdog::Watchdog;
-use super::{Fault, GpuError, device_tree, probe};
+use super::{Fault, GpuError, probe};
 use crate::stream::panic_message;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -37,8 +36,8 @@ pub struct Gpu {
     pub(super) replacement: DeviceReplacement,
     /// True if streams may lie in memory that the device shares with the host.
     pub(super) can_share_memory: bool,
-    /// The measured sizes, if there are any.
-    pub(super) tuned: Option<TunedSizes>,
+    /// Rays of a bundle, if that has been measured.
+    pub(super) bundle_rays: Option<usize>,
 }
 
 /// What a device and its replacements have in common.
@@ -64,20 +63,12 @@ impl Gpu {
     /// # Errors
     /// When the driver refuses, or its arithmetic is not what the kernels need.
     pub fn open_found(found: FoundAdapter) -> Result<Self, GpuError> {
-        let FoundAdapter { adapter, mut info } = found;
-        let open = |boxes: u32| {
-            let request = || pollster::block_on(adapter.request_device(&descriptor(&adapter, boxes)));
-            match catch_unwind(AssertUnwindSafe(request)) {
-                Ok(opened) => opened.map_err(|e| e.to_string()),
-                Err(panic) => Err(driver_panic(panic)),
-            }
+        let FoundAdapter { adapter, info } = found;
+        let request = || pollster::block_on(adapter.request_device(&descriptor(&adapter)));
+        let opened = match catch_unwind(AssertUnwindSafe(request)) {
+            Ok(opened) => opened.map_err(|e| e.to_string()),
+            Err(panic) => Err(driver_panic(panic)),
         };
-        let mut opened = open(info.max_query_boxes);
-        if opened.is_err() && info.max_query_boxes > 0 {
-            // Ray queries are experimental; a device without them is better than none.
-            info.max_query_boxes = 0;
-            opened = open(0);
-        }
         let (device, queue) =
             opened.map_err(|reason| GpuError::Open { adapter: info.to_string(), reason })?;
 
@@ -99,7 +90,7 @@ impl Gpu {
             history: Arc::default(),
             replacement: DeviceReplacement::default(),
             can_share_memory: false,
-            tuned: None,
+            bundle_rays: None,
         };
         let refused = |reason: String| GpuError::Open { adapter: gpu.info.to_string(), reason };
         let results = gpu.guard(|device, queue| probe::compute(&gpu, device, queue)).map_err(refused)?;
@@ -122,7 +113,7 @@ impl Gpu {
 
     /// This freshly opened device as the replacement of a lost one.
     pub(super) fn replacing(self, lost: &Self, replacement: DeviceReplacement) -> Self {
-        Self { history: lost.history.clone(), replacement, tuned: lost.tuned, ..self }
+        Self { history: lost.history.clone(), replacement, bundle_rays: lost.bundle_rays, ..self }
     }
 
     /// The adapter in use.
@@ -325,10 +316,10 @@ impl Gpu {
     }
 }
 
-/// Requests the adapter's own limits for what the kernels use, and ray queries through `boxes` boxes if that is not 0.
-fn descriptor(adapter: &wgpu::Adapter, boxes: u32) -> wgpu::DeviceDescriptor<'static> {
+/// Requests the adapter's own limits for what the kernels use.
+fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     let limits = adapter.limits();
-    let descriptor = wgpu::DeviceDescriptor {
+    wgpu::DeviceDescriptor {
         label: Some("raystream"),
         required_limits: wgpu::Limits {
             max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size,
@@ -339,12 +330,12 @@ fn descriptor(adapter: &wgpu::Adapter, boxes: u32) -> wgpu::DeviceDescriptor<'st
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
-        // Shaders' kernels go to the driver as they are (`program::gpu`).
-        required_features: adapter.features() & wgpu::Features::PASSTHROUGH_SHADERS,
+        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed (`measurement.rs`).
+        required_features: adapter.features()
+            & (wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY),
         memory_hints: wgpu::MemoryHints::Performance,
         ..Default::default()
-    };
-    if boxes == 0 { descriptor } else { device_tree::with_queries(descriptor, boxes) }
+    }
 }
 
 fn driver_panic(panic: Box<dyn std::any::Any + Send>) -> String {

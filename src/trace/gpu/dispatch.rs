@@ -8,6 +8,7 @@
 
 use super::exact::Layouts;
 use super::kernel::Kernel;
+use super::kernel_clock::KernelClock;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::shared_buffer::SharedBuffer;
 use super::undecided::{Mapped, Undecided, UndecidedList};
@@ -155,8 +156,8 @@ impl KernelPipeline {
         }
     }
 
-    /// Encodes all commands of a request: copies of its rays, the kernel, copies of the answers. `None` if the request
-    /// has no rays.
+    /// Encodes all commands of a request: copies of its rays, the kernel, copies of the answers. `clock` times the
+    /// kernel. `None` if the request has no rays.
     pub fn encode<A: Pod + Debug + Send + Sync>(
         &self,
         (device, queue): (&wgpu::Device, &wgpu::Queue),
@@ -164,6 +165,7 @@ impl KernelPipeline {
         scene: &wgpu::BindGroup,
         scene_max_abs: f32,
         request: &mut Request<'_, A>,
+        clock: Option<&KernelClock>,
     ) -> Option<Encoded> {
         debug_assert_eq!(size_of::<A>(), self.answer_bytes);
         let count = request.len();
@@ -181,7 +183,7 @@ impl KernelPipeline {
                 let offset = |size: usize| (range.start * size) as u64;
                 let rays = bind_part(rays.buffer(), offset(size_of::<Ray>()), ray_bytes);
                 let answers = bind_part(answers.give_to_device(), offset(self.answer_bytes), answer_bytes);
-                self.encode_kernel(device, encoder, scene, (rays, lent, answers), count);
+                self.encode_kernel(device, encoder, scene, (rays, lent, answers), count, clock);
                 None
             }
             Request::InDeviceMemory { rays, answers, range } => {
@@ -190,7 +192,7 @@ impl KernelPipeline {
                 let (rays, ray_offset) = (rays.buffer(), offset(size_of::<Ray>()));
                 encoder.copy_buffer_to_buffer(rays, ray_offset, &staging.rays, 0, ray_bytes);
                 let bindings = staging.bindings(lent, ray_bytes, answer_bytes);
-                self.encode_kernel(device, encoder, scene, bindings, count);
+                self.encode_kernel(device, encoder, scene, bindings, count, clock);
                 let (answers, answer_offset) = (answers.give_to_device(), offset(self.answer_bytes));
                 encoder.copy_buffer_to_buffer(&staging.answers, 0, answers, answer_offset, answer_bytes);
                 Some(staging)
@@ -199,7 +201,7 @@ impl KernelPipeline {
                 let staging = self.take_staging(device, count);
                 queue.write_buffer(&staging.rays, 0, bytemuck::cast_slice(rays));
                 let bindings = staging.bindings(lent, ray_bytes, answer_bytes);
-                self.encode_kernel(device, encoder, scene, bindings, count);
+                self.encode_kernel(device, encoder, scene, bindings, count, clock);
                 encoder.copy_buffer_to_buffer(&staging.answers, 0, &staging.readback, 0, answer_bytes);
                 Some(staging)
             }
@@ -226,6 +228,7 @@ impl KernelPipeline {
         scene: &wgpu::BindGroup,
         (rays, (params, list), answers): Bindings<'_>,
         count: usize,
+        clock: Option<&KernelClock>,
     ) {
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("request"),
@@ -240,7 +243,10 @@ impl KernelPipeline {
         if self.is_exact() {
             list.encode_clear(encoder);
         }
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            timestamp_writes: clock.map(KernelClock::writes),
+            ..Default::default()
+        });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, &group, &[]);

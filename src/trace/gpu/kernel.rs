@@ -2,7 +2,6 @@
 
 use super::layout;
 use super::pages::ScenePages;
-use super::variant::TreeKind;
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
 use std::fmt::Write as _;
@@ -20,11 +19,10 @@ pub(super) const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgs
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
 const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
+const VISITS: &str = include_str!("../../../shaders/shared/visits.wgsl");
 const LEAF: &str = include_str!("../../../shaders/shared/leaf.wgsl");
 const TRAVERSE: &str = include_str!("../../../shaders/shared/traverse.wgsl");
-const BINARY: &str = include_str!("../../../shaders/shared/binary.wgsl");
 const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
-const QUERY: &str = include_str!("../../../shaders/shared/query.wgsl");
 
 impl Kernel {
     /// The name of the entry point and of the file.
@@ -57,15 +55,11 @@ impl Kernel {
 
     /// The whole source for scenes of this shape.
     pub fn source(self, shape: &Shape) -> String {
-        let exact = format!("const EXACT: bool = {};\n", self.names_places(shape));
-        let (constants, pages) = (constants(shape) + &exact, shape.pages.source(shape.tree, true));
-        let (extension, descend, traverse) = match shape.tree {
-            TreeKind::Binary => ("", BINARY, TRAVERSE),
-            TreeKind::Wide => ("", WIDE, TRAVERSE),
-            TreeKind::Device => ("enable wgpu_ray_query;", "", QUERY),
-        };
-        let common = [LAYOUT, &pages, RAY, TRIANGLE, PLACEMENT, LEAF];
-        [&[extension, &constants], &common[..], &[descend, traverse, self.body()]].concat().join("\n")
+        let (exact, counts) = (self.names_places(shape), shape.counts);
+        let kinds = format!("const EXACT: bool = {exact};\nconst COUNTS: bool = {counts};\n");
+        let (constants, pages) = (constants(shape) + &kinds, shape.pages.source());
+        let common = [RAY, TRIANGLE, PLACEMENT, VISITS, LEAF, WIDE, TRAVERSE];
+        [&[&*constants, LAYOUT, &pages], &common[..], &[self.body()]].concat().join("\n")
     }
 }
 
@@ -74,25 +68,21 @@ impl Kernel {
 pub(super) struct Shape {
     /// Entries of a traversal's stack.
     pub stack: usize,
-    /// The kind of its trees.
-    pub tree: TreeKind,
     /// True if it is a two-level tree.
     pub members: bool,
-    /// Index of the first pair about which the filter decides. Used with a device's own tree only.
-    pub first_masked: u32,
     pub pages: ScenePages,
     /// True if other kernels make hits of the candidates.
     pub exact: bool,
+    /// True if the answers to closest hits are what rays visit.
+    pub counts: bool,
 }
 
 /// Declarations of the constants that host and device share; Rust defines them.
 fn constants(shape: &Shape) -> String {
-    let by_query = shape.tree == TreeKind::Device;
-    let mut text = format!("const MEMBERS: bool = {};\nconst BY_QUERY: bool = {by_query};\n", shape.members);
+    let mut text = format!("const MEMBERS: bool = {};\n", shape.members);
     let integers = [
         ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
         ("STACK_SIZE", shape.stack.max(1) as u32),
-        ("FIRST_MASKED", shape.first_masked),
         ("LEAF", layout::LEAF),
         ("MASKED", layout::MASKED),
         ("PAIRS_SHIFT", layout::PAIRS_SHIFT),
@@ -124,7 +114,6 @@ fn constants(shape: &Shape) -> String {
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
         ("LEAST_PAD", layout::LEAST_PAD),
-        ("QUERY_REACH", layout::QUERY_REACH),
     ];
     for (name, value) in floats {
         // Rust prints the shortest decimal that reads back as the same number.
@@ -144,34 +133,24 @@ mod tests {
 
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
-    const TREES: [TreeKind; 3] = [TreeKind::Binary, TreeKind::Wide, TreeKind::Device];
-
-    fn parse(kernel: Kernel, tree: TreeKind) -> naga::Module {
-        parse_paged(kernel, tree, ScenePages::ONE)
+    fn parse(kernel: Kernel) -> naga::Module {
+        parse_shape(kernel, ScenePages::ONE, [false; 2])
     }
 
-    fn parse_paged(kernel: Kernel, tree: TreeKind, pages: ScenePages) -> naga::Module {
-        parse_shape(kernel, tree, pages, false)
-    }
-
-    fn parse_shape(kernel: Kernel, tree: TreeKind, pages: ScenePages, exact: bool) -> naga::Module {
-        let members = tree != TreeKind::Device;
-        let source = kernel.source(&Shape { stack: 24, tree, members, first_masked: 7, pages, exact });
+    fn parse_shape(kernel: Kernel, pages: ScenePages, [exact, counts]: [bool; 2]) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, members: true, pages, exact, counts });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
     #[test]
-    fn every_kernel_is_valid_without_any_optional_capability_but_ray_queries() {
+    fn every_kernel_is_valid_without_any_optional_capability() {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
         let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
-        let kernels = ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree)));
-        let kernels = kernels.flat_map(|kernel| [false, true].map(|exact| (kernel, exact)));
-        for (((kernel, tree), exact), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages)))
-        {
-            let module = parse_shape(kernel, tree, pages, exact);
-            let queries =
-                if tree == TreeKind::Device { Capabilities::RAY_QUERY } else { Capabilities::empty() };
-            Validator::new(ValidationFlags::all(), queries)
+        let kinds = [[false; 2], [true, false], [false, true]];
+        let kernels = ALL.into_iter().flat_map(|kernel| kinds.map(|kind| (kernel, kind)));
+        for ((kernel, kind), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
+            let module = parse_shape(kernel, pages, kind);
+            Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", kernel.name()));
             let [entry] = module.entry_points.as_slice() else { panic!("one entry point a kernel") };
@@ -195,10 +174,9 @@ mod tests {
 
     #[test]
     fn structs_lie_in_memory_alike_on_both_sides() {
-        use layout::{BinaryNode, Candidates, Pair, Params, TreeInstance, WideNode};
-        let expected: [Layout; 7] = [
+        use layout::{Candidates, Pair, Params, TreeInstance, WideNode};
+        let expected: [Layout; 6] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
-            layout_of!(BinaryNode: left_min, left, left_max, spare_0, right_min, right, right_max, spare_1),
             layout_of!(
                 WideNode: origin, shape, lower_x, upper_x, lower_y, upper_y, lower_z, upper_z, children
             ),
@@ -207,8 +185,8 @@ mod tests {
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),
         ];
-        for (kernel, tree) in ALL.into_iter().flat_map(|kernel| TREES.map(|tree| (kernel, tree))) {
-            let module = parse(kernel, tree);
+        for kernel in ALL {
+            let module = parse(kernel);
             for (name, span, members) in &expected {
                 let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
                 let (handle, found) = found.unwrap_or_else(|| panic!("{name} in {}", kernel.name()));
@@ -233,7 +211,7 @@ mod tests {
 
     #[test]
     fn constants_arrive_to_the_bit() {
-        let module = parse(Kernel::TraceClosest, TreeKind::Wide);
+        let module = parse(Kernel::TraceClosest);
         let value = |name: &str| {
             let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
             let (_, constant) = found.unwrap_or_else(|| panic!("constant {name}"));

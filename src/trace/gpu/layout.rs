@@ -3,20 +3,6 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// An inner node of the binary tree: boxes and references of both children.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct BinaryNode {
-    pub left_min: [f32; 3],
-    pub left: u32,
-    pub left_max: [f32; 3],
-    pub spare_0: u32,
-    pub right_min: [f32; 3],
-    pub right: u32,
-    pub right_max: [f32; 3],
-    pub spare_1: u32,
-}
-
 /// An inner node of the eight-wide tree, its boxes in bytes: 96 bytes instead of the 256 of the host's nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -129,5 +115,3 @@ pub(super) const T_ROUNDING: f32 = 16.0 / (1 << 24) as f32;
 pub(super) const TINY: f32 = 64.0 * f32::MIN_POSITIVE;
 /// The smallest pad of slabs; underflow could exceed a smaller one.
 pub(super) const LEAST_PAD: f32 = 1.0e-30;
-/// How far away rays may begin that are traced by ray queries, in units of the scene's largest coordinate.
-pub(super) const QUERY_REACH: f32 = 4.0;

@@ -1,12 +1,11 @@
 //! Records in pages. A scene may have more nodes or pairs than one binding holds, so they lie in as many buffers as
 //! they need: pages, each of a power of two records but for the last.
 
-use super::variant::TreeKind;
 use super::{AdapterInfo, GpuError};
 use std::fmt::Write as _;
 
-/// Storage bindings that a kernel needs beside nodes, pairs and identities: members (or the device's own tree), rays,
-/// answers and the list of undecided rays.
+/// Storage bindings that a kernel needs beside nodes, pairs and identities: members, rays, answers and the list of
+/// undecided rays.
 const OTHER_BINDINGS: u64 = 4;
 
 /// Records of one kind.
@@ -30,9 +29,6 @@ impl Pages {
     /// All records in one page.
     #[cfg(test)]
     pub const ONE: Self = Self { bits: 31, count: 1 };
-
-    /// No pages: kernels do not read the records.
-    const NONE: Self = Self { bits: 31, count: 0 };
 
     /// The fewest pages for records when a binding holds `available` bytes: at least one. `None` when not even one
     /// record fits.
@@ -96,15 +92,10 @@ impl ScenePages {
     ///
     /// # Errors
     /// When the adapter has too few bindings, with the bytes that the records need and that all bindings together hold.
-    pub fn new(info: &AdapterInfo, tree: TreeKind, records: [Records; 3]) -> Result<Self, GpuError> {
+    pub fn new(info: &AdapterInfo, records: [Records; 3]) -> Result<Self, GpuError> {
         let one = info.max_binding_bytes.min(info.max_buffer_bytes);
         let bindings = u64::from(info.max_storage_bindings).saturating_sub(OTHER_BINDINGS);
         let [nodes, pairs, identities] = records.map(|records| Pages::of(records, one));
-        let nodes = match tree {
-            // Boxes are no binding: the device reads them once, when it builds its tree.
-            TreeKind::Device => (records[0].count as u64 <= info.max_boxes()).then_some(Pages::NONE),
-            TreeKind::Binary | TreeKind::Wide => nodes,
-        };
         match (nodes, pairs, identities) {
             (Some(nodes), Some(pairs), Some(identities))
                 if u64::from(nodes.count + pairs.count + identities.count) <= bindings =>
@@ -119,41 +110,24 @@ impl ScenePages {
         }
     }
 
-    /// Number of bindings of group 0: the pages, and members or the device's own tree.
+    /// Number of bindings of group 0: the pages and members.
     pub fn bindings(self) -> u32 {
         self.nodes.count + self.pairs.count + self.identities.count + 1
     }
 
-    /// WGSL that declares the pages, the functions through which kernels read them, and if `has_last` what follows the
-    /// pages: members or the device's own tree.
-    pub fn source(self, tree: TreeKind, has_last: bool) -> String {
+    /// WGSL that declares the pages and members, and the functions through which kernels read the pages.
+    pub fn source(self) -> String {
         let Self { nodes, pairs, identities } = self;
         let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
-        let node = match tree {
-            TreeKind::Binary => Some("BinaryNode"),
-            TreeKind::Wide => Some("WideNode"),
-            TreeKind::Device => None,
-        };
-        if let Some(node) = node {
-            nodes.declare(&mut text, 0, "nodes", node);
-            nodes.read(&mut text, "nodes", "node_at(index: u32)", node, "");
-        }
-        if tree == TreeKind::Wide {
-            nodes.read(&mut text, "nodes", "child_at(index: u32, slot: u32)", "u32", ".children[slot]");
-        }
+        nodes.declare(&mut text, 0, "nodes", "WideNode");
+        nodes.read(&mut text, "nodes", "node_at(index: u32)", "WideNode", "");
+        nodes.read(&mut text, "nodes", "child_at(index: u32, slot: u32)", "u32", ".children[slot]");
         pairs.declare(&mut text, nodes.count, "pairs", "Pair");
         pairs.read(&mut text, "pairs", "pair_at(index: u32)", "Pair", "");
         identities.declare(&mut text, nodes.count + pairs.count, "identities", "vec2<u32>");
         identities.read(&mut text, "identities", "identity_at(index: u32)", "vec2<u32>", "");
-        if !has_last {
-            return text;
-        }
         let last = self.bindings() - 1;
-        let variable = match tree {
-            TreeKind::Device => "var boxes: acceleration_structure",
-            TreeKind::Binary | TreeKind::Wide => "var<storage, read> members: array<TreeInstance>",
-        };
-        let _ = writeln!(text, "@group(0) @binding({last}) {variable};");
+        let _ = writeln!(text, "@group(0) @binding({last}) var<storage, read> members: array<TreeInstance>;");
         text
     }
 }

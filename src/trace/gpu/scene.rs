@@ -2,18 +2,15 @@
 
 use super::dispatch::{KernelPipeline, bind_whole};
 use super::exact::{ExactKernels, Layouts, Refusal, Route};
-use super::flatten::{FlatScene, Nodes};
+use super::flatten::FlatScene;
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
-use super::{Fault, Gpu, GpuError, TreeKind, Variant, device_tree};
+use super::{Fault, Gpu, GpuError};
 use crate::bvh::Bvh;
 
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
-
-/// Label of the buffer from which the device builds its own tree.
-const BOXES: &str = "boxes";
 
 /// Makes a kernel's source for scenes of a shape.
 pub(super) type Source = fn(Kernel, &Shape) -> String;
@@ -21,8 +18,11 @@ pub(super) type Source = fn(Kernel, &Shape) -> String;
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
-    /// Group 0: the pages of nodes, pairs and identities, and members or the device's own tree.
+    /// Group 0: the pages of nodes, pairs and identities, and members.
     pub group: wgpu::BindGroup,
+    /// The shape for which kernels are compiled, and the layouts of both groups.
+    shape: Shape,
+    layouts: [wgpu::BindGroupLayout; 2],
     pub trace_closest: KernelPipeline,
     pub trace_any: KernelPipeline,
     /// How the device makes hits of candidates, or why the host does.
@@ -37,24 +37,17 @@ impl DeviceScene {
     /// # Errors
     /// When the scene exceeds what the adapter can bind (before anything is allocated), the device refuses it, or the
     /// device is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
         let adapter = || gpu.info().to_string();
-        let by_query = variant.tree == TreeKind::Device;
-        if by_query && gpu.info().max_query_boxes == 0 {
-            return Err(GpuError::Kernel { adapter: adapter(), reason: "it has no ray queries".into() });
-        }
-        let flat = FlatScene::of(bvh, variant);
-        let pages = ScenePages::new(gpu.info(), variant.tree, flat.records())?;
-        let FlatScene { nodes, pairs, identities, members, stack, first_masked } = flat;
+        let flat = FlatScene::of(bvh);
+        let pages = ScenePages::new(gpu.info(), flat.records())?;
+        let FlatScene { nodes, pairs, identities, members, stack } = flat;
 
-        let node_pages = nodes.split(pages.nodes).into_iter().map(|page| ("nodes", page));
+        let node_pages = pages.nodes.split(&nodes).map(|page| ("nodes", bytemuck::cast_slice(page)));
         let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));
         let identity_pages =
             pages.identities.split(&identities).map(|page| ("identities", bytemuck::cast_slice(page)));
-        let last: (&str, &[u8]) = match &nodes {
-            Nodes::Device(boxes) => (BOXES, bytemuck::cast_slice(boxes)),
-            Nodes::Binary(_) | Nodes::Wide(_) => ("members", bytemuck::cast_slice(&members)),
-        };
+        let last: (&str, &[u8]) = ("members", bytemuck::cast_slice(&members));
         let contents: Vec<(&str, &[u8])> =
             node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
         let bytes = contents.iter().map(|(_, page)| buffer_size(page)).sum();
@@ -64,33 +57,40 @@ impl DeviceScene {
             for (buffer, (_, page)) in buffers.iter().zip(&contents) {
                 upload(gpu, buffer, page)?;
             }
-            let tree = match (by_query, buffers.last()) {
-                (true, Some(boxes)) => Some(device_tree::build(gpu, boxes, last.1.len() as u64)?),
-                _ => None,
-            };
-            Ok((buffers, tree))
+            Ok(buffers)
         };
-        let (tree_kind, members) = (variant.tree, !members.is_empty());
-        let shape = Shape { stack, tree: tree_kind, members, first_masked, pages, exact: false };
+        let shape = Shape { stack, members: !members.is_empty(), pages, exact: false, counts: false };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
-        let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings(), by_query));
+        let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings()));
         let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
         let layouts = Layouts { scene: &layout, request: &request };
         // Drivers take half a second for the kernels.
         let (kernels, stored) = rayon::join(|| Kernels::compile(gpu, &shape, layouts, source), store);
         let Kernels { trace_closest, trace_any, exact_hits } = kernels?;
-        let (buffers, tree) = stored?;
+        let buffers = stored?;
         let bound = gpu.attempt(|device, _| {
-            let mut entries: Vec<_> =
+            let entries: Vec<_> =
                 (0..).zip(&buffers).map(|(binding, buffer)| bind_whole(binding, buffer)).collect();
-            if let (Some(last), Some(tree)) = (entries.last_mut(), &tree) {
-                last.resource = wgpu::BindingResource::AccelerationStructure(tree);
-            }
             let (label, layout) = (Some("scene"), &layout);
             device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries })
         });
         let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
-        Ok(Self { group, trace_closest, trace_any, exact_hits, bytes })
+        let layouts = [layout, request];
+        Ok(Self { group, shape, layouts, trace_closest, trace_any, exact_hits, bytes })
+    }
+
+    /// Compiles a kernel that answers with what rays visit on their way to the closest hit.
+    ///
+    /// # Errors
+    /// When the device refuses the kernel or is lost.
+    pub fn counting_kernel(&self, gpu: &Gpu) -> Result<KernelPipeline, String> {
+        let [scene, request] = &self.layouts;
+        let (shape, layouts) = (Shape { counts: true, ..self.shape }, Layouts { scene, request });
+        let compiled = gpu.attempt(|device, _| {
+            let kernel = Kernel::TraceClosest;
+            KernelPipeline::new(device, kernel, kernel.source(&shape), layouts, gpu.info().shared_memory)
+        });
+        compiled.and_then(|compiled| compiled)
     }
 }
 
@@ -145,11 +145,6 @@ impl Kernels {
     }
 }
 
-fn usage_of(label: &str) -> wgpu::BufferUsages {
-    let read = if label == BOXES { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::STORAGE };
-    wgpu::BufferUsages::COPY_DST | read
-}
-
 /// Bytes of the buffer for a page. A binding must not be empty.
 fn buffer_size(page: &[u8]) -> u64 {
     page.len().max(size_of::<TreeInstance>()) as u64
@@ -163,7 +158,7 @@ fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffe
                 label: Some(label),
                 // More than any device has, if the fault is injected.
                 size: if gpu.has_no_memory() { 1 << 62 } else { buffer_size(page) },
-                usage: usage_of(label),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::STORAGE,
                 mapped_at_creation: false,
             })
         };
@@ -171,14 +166,9 @@ fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffe
     })
 }
 
-/// The layouts of group 0 (the scene's pages, then members or the device's own tree) and of group 1 (rays, params,
-/// answers, undecided rays).
-fn layouts(
-    device: &wgpu::Device,
-    pages: u32,
-    by_query: bool,
-) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
-    use wgpu::BindingType::{AccelerationStructure, Buffer};
+/// The layouts of group 0 (the scene's pages, then members) and of group 1 (rays, params, answers, undecided rays).
+fn layouts(device: &wgpu::Device, pages: u32) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
+    use wgpu::BindingType::Buffer;
     use wgpu::BufferBindingType::{Storage, Uniform};
     let layout = |label, types: &[wgpu::BindingType]| {
         let entries: Vec<_> = (0..)
@@ -197,10 +187,7 @@ fn layouts(
     };
     let buffer = |ty| Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let (input, output) = (buffer(Storage { read_only: true }), buffer(Storage { read_only: false }));
-    let mut scene = vec![input; pages as usize];
-    if let (true, Some(last)) = (by_query, scene.last_mut()) {
-        *last = AccelerationStructure { vertex_return: false };
-    }
+    let scene = vec![input; pages as usize];
     (layout("scene", &scene), layout("request", &[input, buffer(Uniform), output, output]))
 }
 

@@ -5,7 +5,7 @@ use super::device_replacement::MOST;
 use super::kernel::{Kernel, Shape};
 use super::scene::Source;
 use super::watchdog::Watchdog;
-use super::{AdapterChoice, Gpu, GpuError, GpuTracer, Variant};
+use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
 use crate::bvh::Bvh;
 use crate::geom::mix;
 use crate::stream::{BlockingTracer, Capacity, DeviceError, Hit, Queries, Ray, RayStream};
@@ -76,13 +76,12 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
 }
 
 /// How many answers of a GPU tracer with kernels from `source` differ from the oracle's.
-fn wrong_answers(variant: Variant, source: Source) -> usize {
+fn wrong_answers(source: Source) -> usize {
     let (positions, triangles) = mesh();
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Oracle::new(bvh.clone(), None);
     let rays = rays(&bvh, 20_000);
-    let tracer =
-        GpuTracer::with_source(Arc::new(open()), bvh, None, Arc::new(oracle.clone()), variant, source);
+    let tracer = GpuTracer::with_source(Arc::new(open()), bvh, None, Arc::new(oracle.clone()), source);
     let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
     let queries = Queries { rays: &rays, hits: &mut hits, shadow_rays: &rays, occluded: &mut occluded };
     match tracer.expect("the scene fits").trace(queries) {
@@ -162,20 +161,13 @@ fn without_margins(source: &str) -> String {
 
 #[test]
 fn inexact_arithmetic_gives_the_same_bits() {
-    for variant in open().info().variants() {
-        assert_eq!(wrong_answers(variant, inexact), 0, "{variant}");
-    }
+    assert_eq!(wrong_answers(inexact), 0);
 }
 
 #[test]
 fn inexact_arithmetic_needs_the_margins() {
-    for variant in open().info().variants() {
-        let wrong = wrong_answers(variant, |kernel, shape| without_margins(&inexact(kernel, shape)));
-        assert!(
-            wrong > 20,
-            "{variant}: only {wrong} wrong answers without margins: the other test shows nothing"
-        );
-    }
+    let wrong = wrong_answers(|kernel, shape| without_margins(&inexact(kernel, shape)));
+    assert!(wrong > 20, "only {wrong} wrong answers without margins: the other test shows nothing");
 }
 
 /// Traces a stream of these rays and shadow rays, in memory that the device shares if it does; returns the bytes

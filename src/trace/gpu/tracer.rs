@@ -8,11 +8,11 @@ use super::kernel::Kernel;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Source};
 use super::undecided::Undecided;
-use super::{AdapterKind, Fault, Gpu, GpuError, Variant, cross_check, fault, shared_buffer};
+use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
 use crate::stream::{
     BlockingTracer, Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceStream, DeviceTracer, Hit,
-    Queries, Ray, StreamMemory, Ticket, Tracer,
+    Queries, Ray, StreamMemory, Ticket, Tracer, Visits,
 };
 use std::fmt;
 use std::ops::Range;
@@ -47,7 +47,6 @@ pub(super) struct Shared {
     device: Mutex<Arc<SceneDevice>>,
     /// Opens a replacement of a lost device.
     worker: Mutex<Option<JoinHandle<()>>>,
-    variant: Variant,
     source: Source,
     pub resolver: Resolver,
     /// No replacement will come: none can be opened, or the tracer is being dropped.
@@ -58,12 +57,13 @@ pub(super) struct Shared {
 pub(super) struct SceneDevice {
     pub gpu: Arc<Gpu>,
     pub scene: DeviceScene,
-    max_rays: usize,
+    /// Of one dispatch.
+    pub max_rays: usize,
 }
 
 impl SceneDevice {
-    fn new(gpu: Arc<Gpu>, bvh: &Bvh, variant: Variant, source: Source) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, bvh, variant, source)?;
+    fn new(gpu: Arc<Gpu>, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, bvh, source)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
@@ -110,7 +110,7 @@ impl Shared {
     fn open_successor(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.is_final) {
-            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.variant, self.source) {
+            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.source) {
                 Ok(device) => {
                     let mut current = self.device.lock().unwrap_or_else(PoisonError::into_inner);
                     let lost = std::mem::replace(&mut *current, Arc::new(device));
@@ -126,9 +126,8 @@ impl Shared {
 }
 
 impl GpuTracer {
-    /// Uploads a scene in the layout that suits the device best ([`Gpu::variant`]). If the device is lost, its
-    /// replacements get the scene too. `filter` decides about hits of masked triangles. `cpu` traces the same scene
-    /// with the same filter, for undecided rays.
+    /// Uploads a scene. If the device is lost, its replacements get the scene too. `filter` decides about hits of
+    /// masked triangles. `cpu` traces the same scene with the same filter, for undecided rays.
     ///
     /// # Errors
     /// When the scene exceeds what the adapter can bind (with both sizes), the device refuses the scene, or the device
@@ -139,61 +138,32 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        let tracer = |variant| {
-            let (gpu, bvh, filter, cpu) = (gpu.clone(), bvh.clone(), filter.clone(), cpu.clone());
-            Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)
-        };
-        let (tuned, default) = (gpu.variant(), Variant::default());
-        match tracer(tuned) {
-            // The default layout takes the least memory.
-            Err(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. }) if tuned != default => {
-                tracer(default)
-            }
-            answer => answer,
-        }
+        Self::with_source(gpu, bvh, filter, cpu, Kernel::source)
     }
 
-    /// Like [`GpuTracer::new`], with the scene in a given layout.
-    ///
-    /// # Errors
-    /// As [`GpuTracer::new`].
-    pub fn with_variant(
-        gpu: Arc<Gpu>,
-        bvh: Arc<Bvh>,
-        filter: Option<Arc<dyn Filter>>,
-        cpu: Arc<dyn Tracer>,
-        variant: Variant,
-    ) -> Result<Self, GpuError> {
-        let mut tracer = Self::with_source(gpu, bvh, filter, cpu, variant, Kernel::source)?;
-        tracer.name = format!("{}, {variant}", tracer.name);
-        Ok(tracer)
-    }
-
-    /// Like [`GpuTracer::with_variant`], with kernels compiled from `source`.
+    /// Like [`GpuTracer::new`], with kernels compiled from `source`.
     pub(super) fn with_source(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
-        variant: Variant,
         source: Source,
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
         let name = gpu.info().name.clone();
-        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, variant, source)?));
+        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, source)?));
         let resolver = Resolver { bvh, filter, cpu };
         let (worker, is_final) = (Mutex::default(), AtomicBool::new(false));
-        let shared = Arc::new(Shared { device, worker, variant, source, resolver, is_final });
+        let shared = Arc::new(Shared { device, worker, source, resolver, is_final });
         Ok(Self { name, shared })
     }
 
     /// A tracer of the same scene on the same device, with another filter. `cpu` traces the scene with that filter.
     pub fn with_filter(&self, filter: Option<Arc<dyn Filter>>, cpu: Arc<dyn Tracer>) -> Self {
-        let Shared { variant, source, resolver, .. } = &*self.shared;
+        let Shared { source, resolver, .. } = &*self.shared;
         let shared = Arc::new(Shared {
             device: Mutex::new(self.shared.device()),
             worker: Mutex::default(),
-            variant: *variant,
             source: *source,
             resolver: Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu },
             is_final: AtomicBool::new(false),
@@ -269,8 +239,8 @@ impl SceneDevice {
             let DeviceScene { group, trace_closest, trace_any, .. } = &self.scene;
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let both = (device, queue);
-            let hits = trace_closest.encode(both, &mut encoder, group, scene_max_abs, closest);
-            let occluded = trace_any.encode(both, &mut encoder, group, scene_max_abs, any);
+            let hits = trace_closest.encode(both, &mut encoder, group, scene_max_abs, closest, None);
+            let occluded = trace_any.encode(both, &mut encoder, group, scene_max_abs, any, None);
             if let Some(Fault::Hang(_)) = fault {
                 return Err(self.gpu.simulate_hang());
             }
@@ -322,6 +292,15 @@ impl DeviceTracer for GpuTracer {
 
     fn bundle_rays(&self) -> Option<usize> {
         self.shared.device().gpu.bundle_rays()
+    }
+
+    fn kernel_seconds(&self, rays: &[Ray], any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        let device = self.shared.device();
+        self.with(&device, || device.kernel_seconds(rays, any_hit, self.shared.scene_max_abs()))
+    }
+
+    fn visits(&self, rays: &[Ray]) -> Result<Option<Vec<Visits>>, DeviceError> {
+        self.shared.device().visits(rays, self.shared.scene_max_abs()).map(Some)
     }
 
     fn stream_memory(&self, capacity: Capacity, now: Option<&dyn DeviceMemory<Ray>>) -> Option<StreamMemory> {

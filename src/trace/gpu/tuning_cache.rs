@@ -1,24 +1,15 @@
-//! The tuning cache: keeps the sizes that were measured for a device, one file for each adapter and driver.
+//! The tuning cache: keeps the size of bundles that was measured for a device, one file for each adapter and driver.
 
-use super::{AdapterInfo, Variant};
+use super::AdapterInfo;
 use crate::files::{self, NotWritten};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Version of what is measured and of the file; files of other versions are not read.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// The sizes of bundles that a calibration may choose, in rays.
 pub(super) const BUNDLE_RAYS: std::ops::RangeInclusive<usize> = 1024..=1 << 18;
-
-/// The size and the layout with which a device is fastest. They do not change a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct TunedSizes {
-    /// Rays of a bundle.
-    pub bundle_rays: usize,
-    /// Layout of scenes.
-    pub variant: Variant,
-}
 
 /// The content of a file.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -27,22 +18,17 @@ struct CacheFile {
     adapter: String,
     driver: String,
     bundle_rays: usize,
-    kernels: String,
 }
 
 impl CacheFile {
-    fn of(info: &AdapterInfo, tuned: TunedSizes) -> Self {
-        let TunedSizes { bundle_rays, variant } = tuned;
-        let (adapter, driver, kernels) = (info.to_string(), info.driver.clone(), variant.to_string());
-        Self { version: VERSION, adapter, driver, bundle_rays, kernels }
+    fn of(info: &AdapterInfo, bundle_rays: usize) -> Self {
+        Self { version: VERSION, adapter: info.to_string(), driver: info.driver.clone(), bundle_rays }
     }
 
-    /// The sizes, if they were measured for this adapter and are in range.
-    fn tuned(&self, info: &AdapterInfo) -> Option<TunedSizes> {
-        let &Self { bundle_rays, .. } = self;
-        let variant = info.variants().find(|variant| variant.to_string() == self.kernels)?;
-        let tuned = TunedSizes { bundle_rays, variant };
-        (BUNDLE_RAYS.contains(&bundle_rays) && *self == Self::of(info, tuned)).then_some(tuned)
+    /// Rays of a bundle, if that was measured for this adapter and is in range.
+    fn bundle_rays(&self, info: &AdapterInfo) -> Option<usize> {
+        let &Self { bundle_rays: rays, .. } = self;
+        (BUNDLE_RAYS.contains(&rays) && *self == Self::of(info, rays)).then_some(rays)
     }
 }
 
@@ -51,17 +37,17 @@ fn path(folder: &Path, info: &AdapterInfo) -> PathBuf {
     folder.join(format!("gpu-{:016x}.json", xxhash_rust::xxh3::xxh3_64(key.as_bytes())))
 }
 
-/// Reads the sizes of an adapter. `None` if the file does not exist, cannot be read, or is not valid.
-pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<TunedSizes> {
+/// Reads the rays of a bundle for an adapter. `None` if the file does not exist, cannot be read, or is not valid.
+pub(super) fn load(folder: &Path, info: &AdapterInfo) -> Option<usize> {
     let bytes = std::fs::read(path(folder, info)).ok()?;
-    serde_json::from_slice::<CacheFile>(&bytes).ok()?.tuned(info)
+    serde_json::from_slice::<CacheFile>(&bytes).ok()?.bundle_rays(info)
 }
 
-/// Writes the sizes of an adapter.
-pub(super) fn store(folder: &Path, info: &AdapterInfo, tuned: TunedSizes) -> Result<(), NotWritten> {
+/// Writes the rays of a bundle for an adapter.
+pub(super) fn store(folder: &Path, info: &AdapterInfo, bundle_rays: usize) -> Result<(), NotWritten> {
     let path = path(folder, info);
     std::fs::create_dir_all(folder).map_err(|source| NotWritten { path: path.clone(), source })?;
-    files::write(&path, |file| Ok(serde_json::to_writer_pretty(file, &CacheFile::of(info, tuned))?))
+    files::write(&path, |file| Ok(serde_json::to_writer_pretty(file, &CacheFile::of(info, bundle_rays))?))
 }
 
 #[cfg(test)]
@@ -75,18 +61,14 @@ mod tests {
         let cache = folder.path().join("not/yet/there");
         let info = adapters().swap_remove(0);
         assert_eq!(load(&cache, &info), None);
-        for variant in info.variants() {
-            let tuned = TunedSizes { bundle_rays: 77 * 1024, variant };
-            store(&cache, &info, tuned).expect("the folder can be made");
-            assert_eq!(load(&cache, &info), Some(tuned));
-            assert_eq!(
-                std::fs::read_dir(&cache).expect("a folder").count(),
-                1,
-                "one file for each adapter and driver"
-            );
+        for bundle_rays in [1024, 77 * 1024] {
+            store(&cache, &info, bundle_rays).expect("the folder can be made");
+            assert_eq!(load(&cache, &info), Some(bundle_rays));
+            let files = std::fs::read_dir(&cache).expect("a folder").count();
+            assert_eq!(files, 1, "one file for each adapter and driver");
         }
 
-        // Another driver, no JSON, sizes out of range, half a file, kernels that the adapter does not support.
+        // Another driver, no JSON, sizes out of range, half a file.
         let path = path(&cache, &info);
         let text = std::fs::read_to_string(&path).expect("a file");
         assert_eq!(load(&cache, &AdapterInfo { driver: "newer".into(), ..info.clone() }), None);
@@ -98,7 +80,6 @@ mod tests {
             text.replace("78848", "0"),
             text.replace(&format!("\"version\": {VERSION}"), "\"version\": 1"),
             text.replace(&info.driver, "another"),
-            text.replace("pairs\"", "triplets\""),
         ] {
             assert_ne!(wrong, text);
             std::fs::write(&path, wrong).expect("written");

@@ -9,18 +9,14 @@
 //!    of a wide node is below eight, and only slots in use are visited. The stack has an entry for every inner node on
 //!    any way from the root, through a member, to a leaf: the most that a traversal pushes.
 //! 3. Every loop ends. Each iteration of a traversal follows an edge of a finite tree or pops the stack, and each edge
-//!    is followed at most once. A leaf has at most eight pairs of two triangles. A ray query reports each of finitely
-//!    many boxes at most once.
+//!    is followed at most once. A leaf has at most eight pairs of two triangles.
 //! 4. No integer is divided; no task or mesh shader is used.
-//! 5. A ray query is initialised once, before anything else, with finite numbers (those that `prepare` accepts). Its
-//!    candidate is read, and an intersection generated, only after the query has reported that there is one; the
-//!    candidate is a box, since the tree has nothing else. The query does not proceed after it has reported its end.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 /// Compiles a kernel's source, whose stack has at least [`super::flatten::FlatScene::stack`] entries.
 pub(super) fn module(device: &wgpu::Device, name: &str, source: String) -> wgpu::ShaderModule {
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(source.into()) };
-    // SAFETY: invariants 1 to 5.
+    // SAFETY: invariants 1 to 4.
     unsafe { device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
 }

@@ -1,4 +1,5 @@
-//! A GPU as a contender: from rays where streams have them to canonical hits there.
+//! A GPU as a contender: from rays where streams have them to canonical hits there; and its kernels by themselves, by
+//! the device's own clock.
 
 use super::Kind;
 use super::contender::{Clock, Contender};
@@ -29,6 +30,25 @@ pub fn contender<'a>(device: &'a dyn DeviceTracer, kind: Kind, clock: Clock<'a>)
     };
     let (name, threads) = (format!("gpu: {}", device.name()), clock.threads());
     Contender { name, threads, simd: None, is_robust: true, is_slow: false, round: Box::new(round) }
+}
+
+/// How the name of a device's kernels begins.
+pub const KERNELS: &str = "gpu kernels: ";
+
+/// The kernels alone: of each round the seconds that the device itself counts. `None` if it cannot tell.
+///
+/// # Errors
+/// When the device is lost.
+pub fn kernels(device: &dyn DeviceTracer, kind: Kind) -> Result<Option<Contender<'_>>, DeviceError> {
+    if device.kernel_seconds(&[], kind.is_any_hit())?.is_none() {
+        return Ok(None);
+    }
+    let round = move |rays: &Arc<[Ray]>| {
+        let seconds = device.kernel_seconds(rays, kind.is_any_hit())?;
+        seconds.ok_or_else(|| DeviceError::Failed("its clock has stopped".to_owned()))
+    };
+    let (name, round) = (format!("{KERNELS}{}", device.name()), Box::new(round));
+    Ok(Some(Contender { name, threads: 1, simd: None, is_robust: true, is_slow: false, round }))
 }
 
 /// Submits all streams, then resolves each when it has been traced.

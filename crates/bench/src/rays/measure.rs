@@ -82,7 +82,7 @@ fn ratios(
         medians.max_by(f64::total_cmp)
     };
     let beside = |among: &dyn Fn(&Contender<'_>) -> bool| best(&|u| u.threads == of.threads && among(u));
-    let has_device = contenders.iter().any(|u| u.name.starts_with("gpu"));
+    let has_device = contenders.iter().any(|u| u.name.starts_with("gpu: "));
     let alone = |u: &Contender<'_>| u.threads == 1 && (&u.name, u.simd) == (&of.name, of.simd);
     let peers = [
         ("embree", beside(&|u| u.name.starts_with("embree"))),

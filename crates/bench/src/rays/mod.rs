@@ -8,6 +8,7 @@
 //!   kind of ray. Rays are converted to its layouts before the clock starts.
 //! - Users get rays from the service or from `query`, so these have rows beside the bare tracer's. Their time
 //!   includes the memory of the answers.
+//! - A GPU has two rows: from rays to canonical hits, and its kernels alone, between timestamps of its own.
 //! - Scenes with alpha masks are traced with their alpha test by all: by Embree with filter functions that call the
 //!   same test. Contenders without an alpha test (`query`, obvhs) are left out there.
 
@@ -29,10 +30,9 @@ use peers::Obvhs;
 use raystream::engine::PreparedScene;
 use raystream::lanes::SimdLevel;
 use raystream::schedule::{Service, ServiceError, ServiceOptions};
-use raystream::stream::{DeviceError, DeviceTracer};
+use raystream::stream::DeviceError;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Settings of the measurement.
 #[derive(Clone, Debug)]
@@ -45,14 +45,12 @@ pub struct Options {
     pub threads: Vec<usize>,
     /// SIMD levels of the CPU tracer.
     pub levels: Vec<SimdLevel>,
-    /// True if the slow contenders (the scalar reference and obvhs) take part, with one ray in eight.
-    pub slow_units: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
         let (kinds, levels) = (Kind::ALL.to_vec(), SimdLevel::available());
-        Self { kinds, rounds: 7, threads: vec![1], levels, slow_units: true }
+        Self { kinds, rounds: 7, threads: vec![1], levels }
     }
 }
 
@@ -88,6 +86,13 @@ pub struct Report {
     pub agreement: Vec<Agreement>,
 }
 
+impl Report {
+    /// True if a device has timed its kernels.
+    pub fn has_kernel_times(&self) -> bool {
+        self.rows.iter().any(|row| row.unit.starts_with(device::KERNELS))
+    }
+}
+
 /// Error of the measurement.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
@@ -102,14 +107,13 @@ pub enum BenchError {
     Service(#[from] ServiceError),
 }
 
-/// Measures every contender on every kind of ray. `devices` must trace the scene.
+/// Measures every contender on every kind of ray, and the scene's GPU if it has one.
 ///
 /// # Errors
 /// When Embree reports one, a GPU is lost or threads cannot be started.
 pub fn run(
     prepared: &PreparedScene,
     workload: &Workload,
-    devices: &[Arc<dyn DeviceTracer>],
     embree: Option<&Embree>,
     options: &Options,
 ) -> Result<Report, BenchError> {
@@ -117,7 +121,7 @@ pub fn run(
     let threads = options.threads.iter().copied().max().unwrap_or(1);
     let embree = embree.map(|embree| embree.device(threads)).transpose()?;
     let scenes = embree.as_ref().map_or(Ok(Vec::new()), |device| embree_scenes(prepared, device))?;
-    let obvhs = (options.slow_units && prepared.filter.is_none()).then(|| Obvhs::new(&prepared.bvh));
+    let obvhs = prepared.filter.is_none().then(|| Obvhs::new(&prepared.bvh));
     let pool = |&threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
@@ -128,19 +132,23 @@ pub fn run(
     for &kind in &options.kinds {
         let rays: Vec<InOrder> =
             kind.orders().iter().map(|&order| InOrder::new(workload, kind, order)).collect();
+        let kernels = match &prepared.tracers.device {
+            Some(device) => device::kernels(&**device, kind)?,
+            None => None,
+        };
         let mut contenders = Vec::new();
         for (pool, service) in pools.iter().zip(&services) {
             let clock = Clock { pool };
             let mut with_these = ours::contenders(prepared, kind, clock, service, &options.levels);
-            for device in devices {
+            if let Some(device) = &prepared.tracers.device {
                 with_these.push(device::contender(&**device, kind, clock));
             }
             with_these.extend(peers::embree(&scenes, kind, clock));
-            if options.slow_units {
-                with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
-            }
+            with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
             contenders.extend(with_these.into_iter().enumerate());
         }
+        // No host thread has a part in it.
+        contenders.extend(kernels.map(|kernels| (usize::MAX, kernels)));
         // The same contender with one and with more threads is timed one after the other, so that other load on the
         // machine changes their ratio little.
         contenders.sort_by_key(|&(place, _)| place);
@@ -178,6 +186,7 @@ mod tests {
     use raystream::engine::Units;
     use raystream::scene::Camera;
     use raystream::scene::generate;
+    use std::sync::Arc;
 
     fn report(source: &str) -> Report {
         let scene = generate::scene(source.as_ref()).expect("a size in range");
@@ -186,7 +195,7 @@ mod tests {
         let workload =
             Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (64, 48));
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
-        run(&prepared, &workload.expect("a view"), &[], None, &options).expect("no Embree asked for")
+        run(&prepared, &workload.expect("a view"), None, &options).expect("no Embree asked for")
     }
 
     #[test]

@@ -19,6 +19,9 @@ pub enum BenchCommand {
     /// scalar reference, obvhs and, if its library is given, Embree 4. All trace the same rays in interleaved rounds,
     /// each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
     Rays(BenchRaysArgs),
+    /// Count what the rays of a scene visit in a GPU's walk, and in a plain walk of a binary tree, obvhs': nodes,
+    /// triangles and bytes a ray, for camera rays and one bounce of each.
+    Gpu(BenchGpuArgs),
     /// Ask for the closest hits of few rays a call, in every way that `query` has, beside Embree 4's `rtcIntersect1` if
     /// its library is given, in interleaved rounds.
     Small(BenchSmallArgs),
@@ -61,6 +64,7 @@ impl BenchCommand {
     pub fn scenes(&self) -> Vec<&Path> {
         match self {
             Self::Rays(args) => args.scenes.iter().map(|view| &*view.scene).collect(),
+            Self::Gpu(args) => vec![&args.count],
             Self::Build(args) => vec![&args.scene],
             Self::Small(args) => vec![&args.scene],
             Self::Frame(args) => vec![&args.scene],
@@ -80,6 +84,7 @@ impl BenchCommand {
     pub fn json(&self) -> Option<&Path> {
         let json = match self {
             Self::Rays(args) => &args.peers.json,
+            Self::Gpu(args) => &args.json,
             Self::Build(args) => &args.peers.json,
             Self::Small(args) => &args.json,
             Self::Frame(args) => &args.shot.json,
@@ -165,12 +170,31 @@ pub struct BenchRaysArgs {
     /// all threads of its driver, whatever --threads says.
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
-    /// Measure each kind of kernel of the adapter, and leave out slow peers.
-    #[arg(long, requires = "adapter")]
-    pub kernels: bool,
     /// Rounds, threads and peers.
     #[command(flatten)]
     pub peers: PeerArgs,
+}
+
+/// `raystream bench gpu`.
+#[derive(Debug, Args)]
+pub struct BenchGpuArgs {
+    #[arg(long, value_name = "SCENE", required = true)]
+    #[arg(help = format!("Count for this scene: {SCENE_HELP}"))]
+    #[allow(missing_docs, reason = "the help above says it")]
+    pub count: PathBuf,
+    /// The camera.
+    #[command(flatten)]
+    pub camera: SpecArgs<CameraSpec>,
+    /// Size of the picture whose rays are counted.
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = form::Size::read)]
+    pub size: (u32, u32),
+    /// The GPU adapter whose name contains NAME (`raystream info` lists them). By default the fastest one, a software
+    /// adapter if there is no other.
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
+    /// Write the results as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// `raystream bench build`.

@@ -14,9 +14,9 @@ mod trace;
 mod units;
 
 pub use bench::{
-    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchLatencyArgs, BenchLiveArgs,
-    BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs, BenchTablesArgs,
-    BenchTailArgs, BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
+    BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchGpuArgs, BenchLatencyArgs,
+    BenchLiveArgs, BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs,
+    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;

@@ -3,6 +3,7 @@
 mod adaptive;
 mod build;
 mod frame;
+mod gpu;
 mod latency;
 mod noise;
 mod peers;
@@ -31,6 +32,7 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
     Outputs::check([("--json", command.json())], scenes)?.make_folders()?;
     match command {
         BenchCommand::Rays(args) => rays::run(args).map(|()| Outcome::Done),
+        BenchCommand::Gpu(args) => gpu::run(args).map(|()| Outcome::Done),
         BenchCommand::Build(args) => build::run(args).map(|()| Outcome::Done),
         BenchCommand::Small(args) => small::run(args).map(|()| Outcome::Done),
         BenchCommand::Frame(args) => frame::run(args),

@@ -37,14 +37,9 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         Some(adapter) => Units::open(&UnitChoice::auto().with_unit(Unit::Hybrid).with_adapter(adapter))?,
     };
     let asked: Vec<SimdLevel> = args.simd.iter().map(|s| SimdLevel::choose(s)).collect::<Result<_, _>>()?;
-    let levels = match (asked.is_empty(), args.kernels) {
-        (false, _) => asked,
-        (true, true) => vec![SimdLevel::detect()],
-        (true, false) => SimdLevel::available(),
-    };
-    let (rounds, slow_units) = (args.peers.rounds as usize, !args.kernels);
-    let options =
-        Options { rounds, threads: args.peers.thread_counts(), levels, slow_units, ..Options::default() };
+    let levels = if asked.is_empty() { SimdLevel::available() } else { asked };
+    let (rounds, threads) = (args.peers.rounds as usize, args.peers.thread_counts());
+    let options = Options { rounds, threads, levels, ..Options::default() };
     let embree = args.peers.embree.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
@@ -53,6 +48,11 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
         }
         let report = one_scene(view, args, &units, embree.as_ref(), &options)?;
         print(view, &report);
+        if let (Some(adapter), false) = (&args.adapter, report.has_kernel_times()) {
+            stdout_line!(
+                "the adapter {adapter:?} has no timestamps: its kernels are not timed by themselves"
+            );
+        }
         reports.push((name(view), report));
     }
     let rows: Vec<(&str, &[Row])> = reports.iter().map(|(scene, report)| (&**scene, &*report.rows)).collect();
@@ -88,11 +88,7 @@ fn one_scene(
     let camera = view.camera(&args.camera, prepared.scene.camera, framed);
     let workload =
         Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, args.size)?;
-    let devices = match (args.kernels, &prepared.tracers.device) {
-        (true, _) => prepared.variants(units).map_err(anyhow::Error::msg)?,
-        (false, device) => device.iter().cloned().collect(),
-    };
-    Ok(measure(&prepared, &workload, &devices, embree, options)?)
+    Ok(measure(&prepared, &workload, embree, options)?)
 }
 
 /// The scene's name in reports.

@@ -23,19 +23,13 @@ pub fn print() {
             adapter.max_storage_bindings
         );
         stdout_line!("  subgroup:       {} to {} threads", adapter.subgroup.0, adapter.subgroup.1);
+        stdout_line!("  timestamps:     {}", if adapter.timestamps { "yes" } else { "no" });
         stdout_line!("  shared memory:  {}", if adapter.shared_memory { "yes" } else { "no" });
-        stdout_line!(
-            "  ray queries:    {}",
-            match adapter.max_query_boxes {
-                0 => "none".to_owned(),
-                boxes => format!("up to {boxes} boxes"),
-            }
-        );
         stdout_line!("  bundles:        {}", bundles(&adapter));
     }
 }
 
-/// The size of bundles and the kernels calibrated for an adapter; measures them unless a calibration is cached.
+/// The size of bundles calibrated for an adapter; measures it unless a calibration is cached.
 fn bundles(adapter: &AdapterInfo) -> String {
     let choice = AdapterChoice { name: Some(adapter.name.clone()), allow_software: true };
     let host = |bvh| calibration_host(bvh, SimdLevel::detect());
@@ -46,6 +40,6 @@ fn bundles(adapter: &AdapterInfo) -> String {
     };
     match gpu.bundle_rays() {
         None => "not calibrated".into(),
-        Some(rays) => format!("{rays} rays a bundle; kernels: {}", gpu.variant()),
+        Some(rays) => format!("{rays} rays"),
     }
 }

@@ -145,11 +145,6 @@ impl BinaryTree {
             of.references(&self.references).iter().map(Reference::primitive).collect()
         }
     }
-
-    /// The primitive of a subtree over one.
-    pub fn primitive(&self, of: Subtree) -> u32 {
-        self.references[of.first as usize].primitive()
-    }
 }
 
 impl InnerNodes {

@@ -37,26 +37,25 @@ pub(super) struct Costs {
     large_area: f32,
     /// Nodes with boxes of more area may take part in reinsertion.
     reinsertion_area: f32,
-    /// True if the builder goes down to single primitives everywhere.
-    is_full: bool,
 }
 
 impl Costs {
     /// The model of a tree whose box has the given area.
     pub fn of_tree(area: f32) -> Self {
-        Self { large_area: LARGE * area, reinsertion_area: REINSERTED * area, is_full: false }
+        Self { large_area: LARGE * area, reinsertion_area: REINSERTED * area }
     }
 
-    /// The same for a tree that is built down to single primitives everywhere.
-    pub fn of_full_tree(area: f32) -> Self {
-        Self { is_full: true, ..Self::of_tree(area) }
+    /// The same with all boxes large: the builder goes down to single primitives.
+    #[cfg(test)]
+    pub fn of_large_boxes(area: f32) -> Self {
+        Self { large_area: 0.0, ..Self::of_tree(area) }
     }
 
     /// True if up to eight primitives in a box of the given area may become one leaf block without a subtree
     /// below. The builder makes them one where two boxes would have no less area together.
     #[inline(always)]
     pub fn may_stop(self, area: f32) -> bool {
-        !self.is_full && area <= self.large_area
+        area <= self.large_area
     }
 
     /// True if a node with a box of the given area may take part in reinsertion.
@@ -183,7 +182,7 @@ mod tests {
     use super::*;
 
     /// A model in which all boxes are small.
-    const SMALL: Costs = Costs { large_area: f32::INFINITY, reinsertion_area: f32::INFINITY, is_full: false };
+    const SMALL: Costs = Costs { large_area: f32::INFINITY, reinsertion_area: f32::INFINITY };
 
     #[test]
     fn a_block_is_made_where_it_is_cheaper_than_its_parts() {

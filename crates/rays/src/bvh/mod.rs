@@ -2,7 +2,6 @@
 //!
 //! ```text
 //! triangles ─ sah → BinaryTree ─ reinsertion → BinaryTree ─ collapse → WideTree with LeafBlocks ─▶ trace
-//!                                                  └────── flat_tree → FlatTree ─▶ trace::gpu
 //! trees ─ instancing → WideTree over TreeInstances ─▶ trace
 //! ```
 //!
@@ -20,7 +19,6 @@ mod child_order;
 mod collapse;
 mod collapse_plan;
 mod filter;
-mod flat_tree;
 mod geometry;
 mod huge_pages;
 mod indexed_mesh;
@@ -44,7 +42,6 @@ pub use binary_tree::MAX_DEPTH;
 pub use child::{BLOCK_TRIANGLES, Child, WIDTH};
 pub use child_order::ChildOrder;
 pub use filter::Filter;
-pub use flat_tree::{FlatNode, FlatTree};
 pub use geometry::GeometryError;
 pub use instancing::TreeInstance;
 pub use leaf_block::{LeafBlock, LeafBlocks, MASKED, PRIMITIVE};
@@ -134,19 +131,6 @@ impl Bvh {
             }
         }
         Self { ids, ..self }
-    }
-
-    /// The binary tree, with one primitive a leaf, or one instance a leaf in a two-level tree. Builds it anew
-    /// at each call: it would take as much memory as everything else.
-    pub fn to_flat_tree(&self) -> FlatTree {
-        let corners = |index: u32| match self.instances().get(index as usize) {
-            Some(TreeInstance { bounds, .. }) => [bounds.min, bounds.max, bounds.min],
-            None => self.corners(self.ids.primitive(index)),
-        };
-        let count = if self.instances.is_some() { self.instances().len() } else { self.len() };
-        FlatTree::of(&BinaryTree::build(count, corners, Costs::of_full_tree), |index| {
-            self.ids.primitive(index)
-        })
     }
 
     /// The box around all triangles. Once instances have moved it may be a little larger.

@@ -287,7 +287,7 @@ mod tests {
     }
 
     fn build(triangles: &[[Vec3; 3]]) -> BinaryTree {
-        BinaryTree::build(triangles.len(), |i| triangles[i as usize], Costs::of_full_tree)
+        BinaryTree::build(triangles.len(), |i| triangles[i as usize], Costs::of_large_boxes)
     }
 
     /// All nodes of the tree that the builder makes, before reinsertion.
@@ -295,7 +295,7 @@ mod tests {
         let mut tree = build(triangles);
         tree.inner.reinserted.clear();
         let root = tree.root().expect("there are triangles");
-        let costs = Costs::of_full_tree(tree.bounds(root).half_area());
+        let costs = Costs::of_large_boxes(tree.bounds(root).half_area());
         let built = BuiltSubtree::small(tree.plan(root, costs), triangles.len());
         let mut all = Reinsertion { nodes: Vec::new(), subtrees: Vec::new() };
         all.push(&tree, root, built, 0);

@@ -12,7 +12,7 @@ pub enum BvhError {
     /// A child's box is not inside its parent's.
     #[error("{tree} node {node}: the box of child {child} leaves the node's box")]
     Box {
-        /// The tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The parent.
         node: usize,
@@ -22,7 +22,7 @@ pub enum BvhError {
     /// A triangle is not inside the box of its leaf.
     #[error("triangle {primitive} leaves the box of its leaf in the {tree} tree")]
     Triangle {
-        /// The tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
@@ -30,7 +30,7 @@ pub enum BvhError {
     /// A triangle is in no leaf or in several.
     #[error("triangle {primitive} is in {found} leaves of the {tree} tree, expected 1")]
     Occurrences {
-        /// The tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The triangle.
         primitive: u32,
@@ -40,7 +40,7 @@ pub enum BvhError {
     /// A front-to-back order of a node is not a permutation of its eight slots.
     #[error("{tree} node {node}: the order of its slots is not a permutation")]
     Order {
-        /// The tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// The node.
         node: usize,
@@ -48,7 +48,7 @@ pub enum BvhError {
     /// A tree is too deep for the traversal stacks.
     #[error("the {tree} tree is {found} nodes deep, allowed are {allowed}")]
     Depth {
-        /// The tree: "binary", "wide", or "top" for the tree over instances.
+        /// The tree: "wide", or "top" for the tree over instances.
         tree: &'static str,
         /// Its depth.
         found: usize,
@@ -58,10 +58,9 @@ pub enum BvhError {
 }
 
 impl Bvh {
-    /// Checks that both trees hold every triangle in exactly one leaf, that every box lies inside its
-    /// parent's and around its triangles, that the front-to-back orders are permutations, and that the depth
-    /// is at most [`MAX_DEPTH`]. In a tree over instances the instances' trees are checked, too. Builds the
-    /// binary tree anew.
+    /// Checks that the tree holds every triangle in exactly one leaf, that every box lies inside its parent's
+    /// and around its triangles, that the front-to-back orders are permutations, and that the depth is at most
+    /// [`MAX_DEPTH`]. In a tree over instances the instances' trees are checked, too.
     ///
     /// # Errors
     /// The first violation found.
@@ -69,7 +68,6 @@ impl Bvh {
         if self.instances.is_some() {
             return self.validate_instances();
         }
-        self.validate_binary()?;
         self.validate_wide()
     }
 
@@ -99,30 +97,6 @@ impl Bvh {
             }
         }
         self.instances().iter().try_for_each(|instance| instance.tree.validate())?;
-        once_each(tree, &found)
-    }
-
-    fn validate_binary(&self) -> Result<(), BvhError> {
-        let tree = "binary";
-        let flat = self.to_flat_tree();
-        let nodes = flat.nodes();
-        let mut found = vec![0; self.len()];
-        for (node, parent) in nodes.iter().enumerate() {
-            if parent.is_leaf() {
-                found[self.ids.index(parent.index)] += 1;
-                self.validate_triangle(tree, parent.index, &parent.bounds())?;
-                continue;
-            }
-            for child in flat.children(node) {
-                if !parent.bounds().contains(&nodes[child].bounds()) {
-                    return Err(BvhError::Box { tree, node, child });
-                }
-            }
-        }
-        let depth = flat.depth();
-        if depth > MAX_DEPTH {
-            return Err(BvhError::Depth { tree, found: depth, allowed: MAX_DEPTH });
-        }
         once_each(tree, &found)
     }
 

@@ -23,6 +23,7 @@ mod ray_stream;
 #[cfg(test)]
 mod tests;
 mod tracer;
+mod visits;
 
 pub use blocking::{Blocking, BlockingTracer};
 pub use capacity::{Capacity, paths};
@@ -36,3 +37,4 @@ pub use ray_stream::{
     TracedShadows, Tracing, Untraced, catching,
 };
 pub use tracer::{DeviceError, DeviceReport, DeviceState, DeviceTracer, Queries, Resolve, Ticket, Tracer};
+pub use visits::Visits;

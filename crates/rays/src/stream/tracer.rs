@@ -1,6 +1,6 @@
 //! The traits of tracers: those of the host cannot fail, a device can be lost.
 
-use super::{Capacity, DeviceMemory, DeviceStream, Hit, Ray, StreamMemory};
+use super::{Capacity, DeviceMemory, DeviceStream, Hit, Ray, StreamMemory, Visits};
 use std::time::Duration;
 
 /// Traces rays on the calling host thread. The answer to a ray is the canonical one
@@ -98,6 +98,24 @@ pub trait DeviceTracer: Send + Sync {
     /// bundled up to it.
     fn bundle_rays(&self) -> Option<usize> {
         None
+    }
+
+    /// Seconds that the device's kernels take for these rays by the device's own clock, without copies and the host.
+    /// For measurements. `None` if the device cannot tell.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    fn kernel_seconds(&self, _rays: &[Ray], _any_hit: bool) -> Result<Option<f64>, DeviceError> {
+        Ok(None)
+    }
+
+    /// Counts what the device's walk for the closest hit of each ray visits. For measurements. `None` if the device
+    /// cannot tell.
+    ///
+    /// # Errors
+    /// When the device is lost or refuses the kernel that counts.
+    fn visits(&self, _rays: &[Ray]) -> Result<Option<Vec<Visits>>, DeviceError> {
+        Ok(None)
     }
 
     /// Allocates memory for a stream of the given capacity, in which the device reads rays in place or

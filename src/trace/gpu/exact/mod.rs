@@ -15,7 +15,7 @@ mod tests;
 mod verdicts;
 
 use super::kernel::{LAYOUT, Shape};
-use super::{Fault, Gpu, TreeKind, layout};
+use super::{Fault, Gpu, layout};
 use crate::device::{FloatControls, OPERATIONS, float_controls, module, spirv};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
@@ -194,8 +194,7 @@ impl Module {
 
 /// The module's WGSL.
 fn source(shape: &Shape, route: Route) -> String {
-    // A device's own tree is no binding of these kernels.
-    let pages = shape.pages.source(shape.tree, shape.tree != TreeKind::Device);
+    let pages = shape.pages.source();
     let whole = "fn in_world(corners: Corners, number: u32) -> Corners {\n    return corners;\n}\n";
     let member = if shape.members { include_str!("../../../../shaders/exact/member.wgsl") } else { whole };
     [

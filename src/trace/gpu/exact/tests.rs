@@ -6,7 +6,7 @@ use super::route::Route;
 use super::{Module, Refusal, source};
 use crate::trace::gpu::kernel::Shape;
 use crate::trace::gpu::pages::{Pages, ScenePages};
-use crate::trace::gpu::{AdapterChoice, Gpu, TreeKind};
+use crate::trace::gpu::{AdapterChoice, Gpu};
 
 /// Opens an adapter, a software one if there is no other.
 fn open() -> Gpu {
@@ -20,14 +20,7 @@ fn pairs() -> u32 {
     asked.map_or(120_000, |text| text.parse().expect("a number of pairs"))
 }
 
-const SHAPE: Shape = Shape {
-    stack: 24,
-    tree: TreeKind::Wide,
-    members: false,
-    first_masked: 0,
-    pages: ScenePages::ONE,
-    exact: true,
-};
+const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, exact: true, counts: false };
 
 #[test]
 fn kernels_are_valid_for_every_shape_and_route() {
@@ -35,10 +28,9 @@ fn kernels_are_valid_for_every_shape_and_route() {
     let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
     let paged = ScenePages { nodes: two, pairs: three, identities: two };
     for route in Route::ALL {
-        for (tree, members) in [(TreeKind::Wide, true), (TreeKind::Binary, false), (TreeKind::Device, false)]
-        {
+        for members in [false, true] {
             for pages in [ScenePages::ONE, paged] {
-                let shape = Shape { tree, members, pages, ..SHAPE };
+                let shape = Shape { members, pages, ..SHAPE };
                 let words = crate::device::spirv(&source(&shape, route), all, route.fma());
                 assert!(words.unwrap_or_else(|error| panic!("{route}: {error}")).len() > 5000);
             }

@@ -43,11 +43,6 @@ impl PackedPair {
         Aabb::around([a, b, c, [d_x, d_y, d_z]].map(Vec3::from))
     }
 
-    /// True if the filter decides about one of the triangles.
-    pub fn is_masked(&self) -> bool {
-        self.is_masked
-    }
-
     /// Appends the records.
     pub fn append(&self, pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) {
         pairs.push(self.pair);
@@ -55,15 +50,15 @@ impl PackedPair {
     }
 }
 
-/// Packs the triangles of a leaf, in pairs if `in_pairs`.
-pub fn pack(triangles: &[Triangle], in_pairs: bool) -> Vec<PackedPair> {
+/// Packs the triangles of a leaf.
+pub fn pack(triangles: &[Triangle]) -> Vec<PackedPair> {
     let mut is_packed = [false; LEAF_TRIANGLES];
     let mut out = Vec::with_capacity(triangles.len());
     for (at, one) in triangles.iter().enumerate() {
         if std::mem::replace(&mut is_packed[at], true) {
             continue;
         }
-        let mut others = (at + 1..triangles.len()).filter(|&other| in_pairs && !is_packed[other]);
+        let mut others = (at + 1..triangles.len()).filter(|&other| !is_packed[other]);
         let partner = others.find_map(|other| Some((other, shared_edge(one, &triangles[other])?)));
         let (turn, d, second, masked) = match partner {
             Some((at, (turn, other_turn))) => {
@@ -79,13 +74,6 @@ pub fn pack(triangles: &[Triangle], in_pairs: bool) -> Vec<PackedPair> {
         out.push(PackedPair { pair, identities, is_masked: one.is_masked || masked });
     }
     out
-}
-
-/// Appends a leaf; returns its reference.
-pub fn append_leaf(leaf: &[PackedPair], pairs: &mut Vec<Pair>, identities: &mut Vec<Identities>) -> u32 {
-    let first = pairs.len();
-    leaf.iter().for_each(|pair| pair.append(pairs, identities));
-    leaf_reference(leaf, first)
 }
 
 /// The reference to a leaf whose first pair has this index.

@@ -131,10 +131,10 @@ struct Leaves {
 }
 
 impl Leaves {
-    fn of(tree: &WideTree, hosts: &[HostNode], in_pairs: bool) -> Self {
+    fn of(tree: &WideTree, hosts: &[HostNode]) -> Self {
         let mut leaves = Self::default();
         for child in hosts.iter().flat_map(HostNode::block_children) {
-            let mut leaf = pairs::pack(&triangles(tree.blocks().get(child)), in_pairs);
+            let mut leaf = pairs::pack(&triangles(tree.blocks().get(child)));
             leaves.lengths.push(leaf.len());
             leaves.pairs.append(&mut leaf);
         }
@@ -189,14 +189,13 @@ fn flatten(hosts: &[HostNode], leaves: &Leaves, place: Place) -> (Vec<WideNode>,
 /// Runs on the current rayon pool; the result depends on the arguments only.
 pub fn append_tree(
     tree: &WideTree,
-    in_pairs: bool,
     nodes: &mut Vec<WideNode>,
     pairs: &mut Vec<Pair>,
     identities: &mut Vec<Identities>,
 ) -> (u32, usize) {
     let start = nodes.len();
     let hosts = tree.nodes().par_chunks(NODES_AT_ONCE);
-    let leaves: Vec<Leaves> = hosts.clone().map(|hosts| Leaves::of(tree, hosts, in_pairs)).collect();
+    let leaves: Vec<Leaves> = hosts.clone().map(|hosts| Leaves::of(tree, hosts)).collect();
     let mut next = Place { tree: start, pair: pairs.len(), leaf_node: start + tree.nodes().len() };
     let place_after = |leaves: &Leaves| {
         let place = next;
