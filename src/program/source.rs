@@ -290,46 +290,51 @@ fn error(file: &str, own: &str, range: Option<Range<usize>>, message: String, re
     let number = error.line.to_string();
     let margin = " ".repeat(number.len());
     let marked = error.column as usize - 1..error.column as usize - 1 + own[start..end].chars().count();
-    let (line, marks) = excerpt(&own[line_start..line_end], marked);
+    let (line, marks) = shown(&own[line_start..line_end], marked);
     error.excerpt = format!("{margin} |\n{number} | {line}\n{margin} | {marks}");
     error
 }
 
 /// The part of a line around some of its characters, and marks below these. Of a long line, as generated files have,
 /// [`EXCERPT`] characters are shown.
-fn excerpt(line: &str, marked: Range<usize>) -> (String, String) {
+fn shown(line: &str, marked: Range<usize>) -> (String, String) {
     const CUT: &str = "...";
-    let shown: Vec<char> = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    let first = match shown.len() > EXCERPT {
-        true => marked.start.saturating_sub(EXCERPT / 2).min(shown.len() - EXCERPT),
+    let characters: Vec<char> = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let first = match characters.len() > EXCERPT {
+        true => marked.start.saturating_sub(EXCERPT / 2).min(characters.len() - EXCERPT),
         false => 0,
     };
-    let last = shown.len().min(first + EXCERPT);
+    let last = characters.len().min(first + EXCERPT);
     let cut = |is_cut| if is_cut { CUT } else { "" };
     let before = cut(first > 0);
-    let text = String::from_iter(&shown[first..last]);
+    let text = String::from_iter(&characters[first..last]);
     let marks = marked.end.min(last).saturating_sub(marked.start).max(1);
     (
-        format!("{before}{text}{}", cut(last < shown.len())),
+        format!("{before}{text}{}", cut(last < characters.len())),
         format!("{}{}", " ".repeat(before.len() + marked.start - first), "^".repeat(marks)),
     )
-}
-
-#[test]
-fn long_lines_are_cut_around_the_marks() {
-    assert_eq!(excerpt("let a = b;", 8..9), ("let a = b;".into(), "        ^".into()));
-    let long = format!("{}wrong{}", "ä".repeat(500), "é".repeat(500));
-    let (line, marks) = excerpt(&long, 500..505);
-    assert_eq!(line.chars().count(), EXCERPT + 6);
-    let below: String =
-        line.chars().zip(marks.chars()).filter(|&(_, mark)| mark == '^').map(|(c, _)| c).collect();
-    assert_eq!(below, "wrong");
-    let (line, marks) = excerpt(&long, 1005..1005);
-    assert!(line.starts_with("...é") && line.ends_with('é'), "{line}");
-    assert_eq!(marks.chars().count(), line.chars().count() + 1, "behind the end");
 }
 
 /// The greatest character boundary that is not behind a byte.
 fn floor_boundary(text: &str, at: usize) -> usize {
     (0..=at.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_cut_around_the_marks() {
+        assert_eq!(shown("let a = b;", 8..9), ("let a = b;".into(), "        ^".into()));
+        let long = format!("{}wrong{}", "ä".repeat(500), "é".repeat(500));
+        let (line, marks) = shown(&long, 500..505);
+        assert_eq!(line.chars().count(), EXCERPT + 6);
+        let below: String =
+            line.chars().zip(marks.chars()).filter(|&(_, mark)| mark == '^').map(|(c, _)| c).collect();
+        assert_eq!(below, "wrong");
+        let (line, marks) = shown(&long, 1005..1005);
+        assert!(line.starts_with("...é") && line.ends_with('é'), "{line}");
+        assert_eq!(marks.chars().count(), line.chars().count() + 1, "behind the end");
+    }
 }

@@ -436,9 +436,9 @@ impl Measuring {
             let difference = (sampled - stated).abs();
             if difference > MASS && difference > ERRORS * (a + b).sqrt() {
                 follows = false;
-                // Parts tell more than the whole, which is more sensitive.
+                // Few samples are in a part, so its factor is told only where the whole is right.
                 let (measure, near) = match number {
-                    CELLS => (0.0, None),
+                    CELLS => (1.0 + difference, None),
                     _ => (difference, Some(Direction(middle(number)))),
                 };
                 let factor = sampled / stated;

@@ -83,9 +83,12 @@ fn each_mistake_is_named() {
     let light = of(Mistake::Light);
     assert!(matches!(light[..], [Energy { albedo, .. }] if (albedo - 3.0).abs() < 0.1), "{light:?}");
     let half = of(Mistake::HalfDensity);
-    assert!(matches!(half[..], [Sampling { factor, .. }] if (factor - 2.0).abs() < 0.3), "{half:?}");
+    assert!(
+        matches!(half[..], [Sampling { factor, near: None, .. }] if (factor - 2.0).abs() < 0.2),
+        "{half:?}"
+    );
     let side = of(Mistake::OneSide);
-    assert!(matches!(side[..], [Sampling { .. }]), "{side:?}");
+    assert!(matches!(side[..], [Sampling { near: Some(_), .. }]), "{side:?}");
     let other = of(Mistake::OtherDensity);
     assert!(matches!(other[..], [Densities { stated, density, .. }] if stated < 0.6 * density), "{other:?}");
     let weight = of(Mistake::Weight);
