@@ -117,14 +117,15 @@ pub enum ScatteringFault {
     },
     /// Directions are not sampled with the density that is stated.
     #[error(
-        "`sample` does not follow its density: for wo = {wo}, directions{} come {factor:.2} times as often as stated",
+        "`sample` does not follow its density: {}directions{} come {factor:.2} times as often as stated",
+        wo.map_or(String::new(), |wo| format!("for wo = {wo}, ")),
         near.map_or(String::new(), |near| format!(" near {near}"))
     )]
     Sampling {
         /// How much more often directions come.
         factor: f64,
-        /// The direction that light leaves in.
-        wo: Direction,
+        /// The direction that light leaves in. `None` stands for all views together.
+        wo: Option<Direction>,
         /// The middle of a part of the sphere. `None` stands for the whole.
         near: Option<Direction>,
     },
@@ -303,6 +304,36 @@ impl Sum {
     }
 }
 
+/// Two means that should be one, and the variance of their difference.
+#[derive(Clone, Copy, Default)]
+struct Means {
+    sampled: f64,
+    stated: f64,
+    variance: f64,
+}
+
+impl Means {
+    fn of(sums: [Sum; 2]) -> Self {
+        let [(sampled, a), (stated, b)] = sums.map(Sum::mean);
+        Self { sampled, stated, variance: a + b }
+    }
+
+    fn add(&mut self, other: Self) {
+        self.sampled += other.sampled;
+        self.stated += other.stated;
+        self.variance += other.variance;
+    }
+
+    fn difference(self) -> f64 {
+        (self.sampled - self.stated).abs()
+    }
+
+    /// True if they differ by more than chance, and by more than [`MASS`] for one view, relatively less for more.
+    fn differ(self, views: f64) -> bool {
+        self.difference() > MASS * views.sqrt() && self.difference() > ERRORS * self.variance.sqrt()
+    }
+}
+
 /// The worst example of a fault so far.
 #[derive(Default)]
 struct Worst(f64, Option<ScatteringFault>);
@@ -326,6 +357,8 @@ struct Measuring {
     albedo: [f64; 2],
     /// Not finite, negative, not unit, energy, densities, weight, sampling, reciprocity.
     worst: [Worst; 8],
+    /// What the parts of the sphere got, over all views.
+    cells: [Means; CELLS],
 }
 
 impl Measuring {
@@ -432,20 +465,37 @@ impl Measuring {
         }
         let mut follows = true;
         for (number, cell) in cells.into_iter().enumerate() {
-            let [(sampled, a), (stated, b)] = cell.map(Sum::mean);
-            let difference = (sampled - stated).abs();
-            if difference > MASS && difference > ERRORS * (a + b).sqrt() {
+            let both = Means::of(cell);
+            if let Some(all) = self.cells.get_mut(number) {
+                all.add(both);
+            }
+            if both.differ(1.0) {
                 follows = false;
                 // Few samples are in a part, so its factor is told only where the whole is right.
-                let (measure, near) = match number {
-                    CELLS => (1.0 + difference, None),
-                    _ => (difference, Some(Direction(middle(number)))),
+                let (whole, near) = match number {
+                    CELLS => (1.0, None),
+                    _ => (0.0, Some(Direction(middle(number)))),
                 };
-                let factor = sampled / stated;
-                self.worst[6].see(measure, || ScatteringFault::Sampling { factor, wo: Direction(wo), near });
+                let (factor, wo) = (both.sampled / both.stated, Some(Direction(wo)));
+                let fault = ScatteringFault::Sampling { factor, wo, near };
+                self.worst[6].see(whole + both.difference(), || fault);
             }
         }
         follows
+    }
+
+    /// Compares the parts of the sphere over all views, unless a view alone has shown a fault.
+    fn see_cells(&mut self) {
+        if self.worst[6].1.is_some() {
+            return;
+        }
+        for (number, all) in self.cells.into_iter().enumerate() {
+            if all.differ(f64::from(VIEWS)) {
+                let (factor, near) = (all.sampled / all.stated, Some(Direction(middle(number))));
+                let fault = ScatteringFault::Sampling { factor, wo: None, near };
+                self.worst[6].see(all.difference(), || fault);
+            }
+        }
     }
 
     /// Measures the light that leaves for 1 that arrives from everywhere: by both kinds of directions together where
@@ -503,12 +553,14 @@ impl ScatteringSurface {
             transmits: self.transmits(),
             albedo: [f64::INFINITY, 0.0],
             worst: std::array::from_fn(|_| Worst::default()),
+            cells: [Means::default(); CELLS],
         };
         for number in 0..VIEWS {
             let wo = direction(number);
             let trials = level.run(View { surface: self, scene: &scene, number, wo });
             measuring.see(wo, &trials);
         }
+        measuring.see_cells();
         let Measuring { albedo, worst, .. } = measuring;
         ScatteringReport {
             albedo: [albedo[0].min(albedo[1]), albedo[1]],

@@ -15,11 +15,13 @@ use raystream::schedule::{Service, ServiceOptions};
 use std::path::{Path, PathBuf};
 
 /// A ball where light arrives from everywhere.
-const FURNACE: &str = r#"{ "environment": [0.5, 0.5, 0.5], "materials": { "ball": { "colour": [1, 1, 1] } },
+const FURNACE: &str = r#"{ "environment": [0.5, 0.5, 0.5],
+    "materials": { "ball": { "colour": [1, 1, 1] } },
     "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 96, "material": "ball" } ] }"#;
 
 /// The picture of it.
-const FURNACE_SPEC: &str = r#"{ "size": [192, 192], "spp": 64, "eye": [0, 0, 5], "target": [0, 0, 0], "fov": 30, "max-bounces": 32 }"#;
+const FURNACE_SPEC: &str = r#"{ "size": [192, 192], "spp": 64, "eye": [0, 0, 5], "target": [0, 0, 0],
+    "fov": 30, "max-bounces": 32 }"#;
 
 /// `raystream shaders`.
 pub fn run(command: &ShadersCommand) -> Result<()> {

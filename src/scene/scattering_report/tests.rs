@@ -88,7 +88,7 @@ fn each_mistake_is_named() {
         "{half:?}"
     );
     let side = of(Mistake::OneSide);
-    assert!(matches!(side[..], [Sampling { near: Some(_), .. }]), "{side:?}");
+    assert!(matches!(side[..], [Sampling { wo: None, near: Some(_), .. }]), "{side:?}");
     let other = of(Mistake::OtherDensity);
     assert!(matches!(other[..], [Densities { stated, density, .. }] if stated < 0.6 * density), "{other:?}");
     let weight = of(Mistake::Weight);

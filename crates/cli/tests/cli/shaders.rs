@@ -177,11 +177,11 @@ fn wrong_shaders_are_refused_with_the_place() {
     run(folder, &["shaders", "check", "bad.wgsl"], 2);
 }
 
-/// Rays that wait on the loop stack, shadow rays, random numbers.
 /// Glass with water in it, gold and a lamp over a floor: triangles few enough to be made in no time.
 const GLASS: &str = r#"{ "camera": { "eye": [0, 2, 6], "target": [0, 0.8, 0], "fov_degrees": 34 },
   "environment": [0.22, 0.27, 0.36],
-  "materials": { "floor": { "colour": [0.6, 0.5, 0.4], "roughness": 0.4 }, "glass": { "colour": [0.99, 1.0, 0.99], "ior": 1.5 },
+  "materials": { "floor": { "colour": [0.6, 0.5, 0.4], "roughness": 0.4 },
+    "glass": { "colour": [0.99, 1.0, 0.99], "ior": 1.5 },
     "water": { "colour": [0.97, 0.99, 1.0], "ior": 1.33 },
     "gold": { "colour": [1.0, 0.72, 0.32], "roughness": 0.2, "metallic": 1 },
     "lamp": { "colour": [0, 0, 0], "emission": [14, 13, 11] } },
@@ -192,6 +192,7 @@ const GLASS: &str = r#"{ "camera": { "eye": [0, 2, 6], "target": [0, 0.8, 0], "f
     { "shape": "sphere", "centre": [1.5, 0.5, 0.5], "radius": 0.5, "cells": 12, "material": "gold" },
     { "shape": "quad", "corner": [-1, 4, -1], "u": [2, 0, 0], "v": [0, 0, 2], "material": "lamp" } ] }"#;
 
+/// Rays that wait on the loop stack, shadow rays, random numbers.
 const INTEGRATORS: [&str; 5] = ["whitted", "whitted_split", "ambient_occlusion", "three_lights", "toon"];
 
 #[test]
