@@ -40,7 +40,7 @@ impl Fault {
 }
 
 /// Characters of a line that an error shows.
-const EXCERPT: usize = 100;
+const EXCERPT: usize = 160;
 
 /// Error of a shader. The message names file, line and column, shows the line, and says what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -32,13 +32,13 @@ pub use prediction::{Load, Prediction};
 use rayon::prelude::*;
 
 /// Frames of an animation that are simulated. The others take what those between two of them have taken.
-const SIMULATED: u32 = 100;
-const BETWEEN: [u32; 2] = [40, 80];
+const SIMULATED: u32 = 240;
+const BETWEEN: [u32; 2] = [100, 200];
 
 /// Predicts a job on a farm.
 ///
-/// Of a job of more than 100 frames, the first 100 are simulated, and each of the others takes what one of those from
-/// the 40th to the 80th has taken. Where machines fail, all are simulated.
+/// Of a job of more than 240 frames, the first 240 are simulated, and each of the others takes what one of those from
+/// the 100th to the 200th has taken. Where machines fail, all are simulated.
 pub fn predict(farm: &Farm, costs: &Costs, job: &PlannedJob) -> Prediction {
     match job {
         PlannedJob::Frames(job) if job.frames > SIMULATED && farm.failure_s.is_none() => {

@@ -552,4 +552,24 @@ mod tests {
         assert!(workers.has_scene("a", "s") && !workers.has_scene("b", "s") && !workers.has_scene("a", "t"));
         assert_eq!((workers.slots_with("s", LONG), workers.slots_with("t", LONG)), (2, 0));
     }
+
+    #[test]
+    fn who_brings_another_picture_again_after_it_has_fetched_the_scene_is_sent_home() {
+        let mut workers = Workers::default();
+        ["a", "b"].iter().for_each(|key| join(&mut workers, key));
+        let before = Instant::now();
+        assert!(workers.is_to_fetch_anew("a", "s", Some(before), LONG));
+        assert!(workers.is_to_fetch_anew("a", "s", Some(before), LONG), "it had this unit when it was told");
+        assert!(workers.is_to_fetch_anew("a", "t", Some(Instant::now()), LONG), "that is another scene");
+        assert_eq!(workers.slots(LONG), (2, 4));
+        assert!(!workers.is_to_fetch_anew("a", "s", Some(Instant::now()), LONG));
+        assert_eq!(workers.slots(LONG), (1, 2));
+        let told = |workers: &Workers| match workers.standing("a", 1) {
+            Standing::Refused(why) => why,
+            _ => String::new(),
+        };
+        assert!(told(&workers).contains("also after it has fetched the scene anew"));
+        assert!(matches!(workers.standing("b", 1), Standing::Welcome(2)));
+        assert!(workers.trust("a") && told(&workers).is_empty(), "people may let it in again");
+    }
 }
