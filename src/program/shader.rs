@@ -89,11 +89,17 @@ fn check_kind(file: &str, text: &str) -> Result<(), ShaderError> {
     }
 }
 
+impl From<BsdfShader> for ScatteringSurface {
+    fn from(bsdf: BsdfShader) -> Self {
+        Self::new(bsdf)
+    }
+}
+
 impl From<SurfaceShader> for CodedSurface {
     fn from(shader: SurfaceShader) -> Self {
         match shader {
             SurfaceShader::Pattern(pattern) => ProceduralSurface::new(pattern).into(),
-            SurfaceShader::Bsdf(bsdf) => ScatteringSurface::new(bsdf).into(),
+            SurfaceShader::Bsdf(bsdf) => ScatteringSurface::from(bsdf).into(),
         }
     }
 }

@@ -191,21 +191,30 @@ impl LaneTask for View<'_> {
         for first in (0..SAMPLES).step_by(L::LANES) {
             // Each sample is a pixel of its own: its numbers are independent.
             let sampler = Sampler::of(Int::iota(l) + (self.number * SAMPLES + first), Int::splat(l, 0), 7);
-            let dimension = |number| Int::splat(l, number);
-            let (u, u2) = (sampler.one(dimension(0)), sampler.two(dimension(1)));
+            let [zero, one, two] = [Int::splat(l, 0), Int::splat(l, 1), Int::splat(l, 2)];
+            let (u, u2) = (sampler.one(zero), sampler.two(one));
             let Scattered { wi, weight, pdf } = self.surface.sample(&at, wo, u, u2);
             let (value, density) = self.surface.evaluate(&at, wo, wi);
-            let mut uniform = warp::lanes::sphere(sampler.two(dimension(2)));
+            let mut uniform = warp::lanes::sphere(sampler.two(two));
             if !transmits {
                 uniform.z = uniform.z.abs();
             }
             let (uniform_value, uniform_density) = self.surface.evaluate(&at, wo, uniform);
             let (back, _) = self.surface.evaluate(&at, uniform, wo);
-            let vector = |v: Vector<L>| [v.x, v.y, v.z].map(Num::to_array);
-            let columns = [wi, weight, value, uniform, uniform_value, back].map(vector);
-            let densities = [pdf, density, uniform_density].map(Num::to_array);
+            let columns = [
+                numbers(wi),
+                numbers(weight),
+                numbers(value),
+                numbers(uniform),
+                numbers(uniform_value),
+                numbers(back),
+            ];
+            let densities = [pdf.to_array(), density.to_array(), uniform_density.to_array()];
             for lane in 0..L::LANES {
-                let of = |column: usize| Vec3::from(columns[column].each_ref().map(|array| array[lane]));
+                let of = |column: usize| {
+                    let [x, y, z] = &columns[column];
+                    Vec3::new(x[lane], y[lane], z[lane])
+                };
                 trials.push(Trial {
                     sampled: of(0),
                     weight: of(1),
@@ -223,11 +232,18 @@ impl LaneTask for View<'_> {
     }
 }
 
+/// The components of vectors as arrays.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn numbers<L: Lanes>(v: Vector<L>) -> [L::Array<f32>; 3] {
+    [v.x.to_array(), v.y.to_array(), v.z.to_array()]
+}
+
 impl View<'_> {
     /// The point of the view, on the only triangle of the scene.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn point<L: Lanes>(&self, l: L) -> Points<'_, L> {
-        let [x, y] = warp::triangle(Sampler::new(self.number, 0, 11).pair(0)).map(|x| Num::splat(l, x));
+        let [x, y] = warp::triangle(Sampler::new(self.number, 0, 11).pair(0));
+        let (x, y) = (Num::splat(l, x), Num::splat(l, y));
         let up = Vector::splat(l, Vec3::Z);
         Points {
             position: Vector::new(x, y, Num::zero(l)),

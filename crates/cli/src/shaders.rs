@@ -59,7 +59,7 @@ fn check(file: &Path, furnace: Option<&Path>) -> Result<Vec<String>> {
     let mut broken = Vec::new();
     let surface = match shader {
         SurfaceShader::Bsdf(bsdf) => {
-            let surface = ScatteringSurface::new(bsdf);
+            let surface = ScatteringSurface::from(bsdf);
             let report = surface.measure();
             let [least, most] = report.albedo;
             stdout_line!(
