@@ -6,6 +6,7 @@ use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use glam::{DVec3, Vec2, Vec3};
 use std::f32::consts::TAU;
 use std::fmt;
+use std::mem::discriminant;
 
 /// Directions from which a surface is seen: eight heights, four ways around.
 const VIEWS: u32 = 32;
@@ -277,9 +278,8 @@ fn triangle() -> Scene {
 fn direction(view: u32) -> Vec3 {
     let (ring, way) = (view / 4, view % 4);
     let z = (ring as f32 + 0.5) / 8.0;
-    let turn = TAU * (way as f32 + 0.25 * (ring % 4) as f32) / 4.0;
-    let flat = (1.0 - z * z).sqrt();
-    Vec3::new(flat * libm::cosf(turn), flat * libm::sinf(turn), z)
+    let turn = (way as f32 + 0.25 * (ring % 4) as f32) / 4.0;
+    warp::sphere([0.5 * (1.0 - z), turn])
 }
 
 /// The cell of a direction.
@@ -294,9 +294,8 @@ fn cell(direction: Vec3) -> usize {
 fn middle(cell: usize) -> Vec3 {
     let (ring, sector) = (cell / SECTORS, cell % SECTORS);
     let z = ((ring % RINGS) as f32 + 0.5) / RINGS as f32;
-    let turn = TAU * (sector as f32 + 0.5) / SECTORS as f32;
-    let flat = (1.0 - z * z).sqrt();
-    Vec3::new(flat * libm::cosf(turn), flat * libm::sinf(turn), if ring < RINGS { z } else { -z })
+    let z = if ring < RINGS { z } else { -z };
+    warp::sphere([0.5 * (1.0 - z), (sector as f32 + 0.5) / SECTORS as f32])
 }
 
 /// The sum of independent numbers, and that of their squares.
@@ -350,14 +349,16 @@ impl Means {
     }
 }
 
-/// The worst example of a fault so far.
+/// The worst example of each kind of fault so far, and how bad it is.
 #[derive(Default)]
-struct Worst(f64, Option<ScatteringFault>);
+struct Worst(Vec<(f64, ScatteringFault)>);
 
 impl Worst {
-    fn see(&mut self, measure: f64, fault: impl FnOnce() -> ScatteringFault) {
-        if self.1.is_none() || measure > self.0 {
-            *self = Self(measure, Some(fault()));
+    fn see(&mut self, measure: f64, fault: ScatteringFault) {
+        match self.0.iter_mut().find(|(_, known)| discriminant(known) == discriminant(&fault)) {
+            Some(known) if measure > known.0 => *known = (measure, fault),
+            Some(_) => {}
+            None => self.0.push((measure, fault)),
         }
     }
 }
@@ -371,8 +372,7 @@ fn differ(a: f32, b: f32) -> bool {
 struct Measuring {
     transmits: bool,
     albedo: [f64; 2],
-    /// Not finite, negative, not unit, energy, densities, weight, sampling, reciprocity.
-    worst: [Worst; 8],
+    worst: Worst,
     /// What the parts of the sphere got, over all views.
     cells: [Means; CELLS],
 }
@@ -411,17 +411,17 @@ impl Measuring {
                 for value in numbers {
                     if !value.is_finite() {
                         finite = false;
-                        self.worst[0].see(0.0, || ScatteringFault::NotFinite { function, value, wo, wi });
+                        self.worst.see(0.0, ScatteringFault::NotFinite { function, value, wo, wi });
                     } else if value < 0.0 {
                         let fault = ScatteringFault::Negative { function, value, wo, wi };
-                        self.worst[1].see(f64::from(-value), || fault);
+                        self.worst.see(f64::from(-value), fault);
                     }
                 }
             }
             let length = sampled.length();
             let off = (length - 1.0).abs();
             if self.counts(trial) && off > 1.0e-3 {
-                self.worst[2].see(f64::from(off), || ScatteringFault::NotUnit { length, wo });
+                self.worst.see(f64::from(off), ScatteringFault::NotUnit { length, wo });
             }
         }
         finite
@@ -454,10 +454,8 @@ impl Measuring {
                 }
             }
         }
-        for (kind, found) in [4, 5, 7].into_iter().zip(odd) {
-            if found.len() > ODD {
-                found.into_iter().for_each(|(measure, fault)| self.worst[kind].see(measure, || fault));
-            }
+        for (measure, fault) in odd.into_iter().filter(|found| found.len() > ODD).flatten() {
+            self.worst.see(measure, fault);
         }
     }
 
@@ -494,7 +492,7 @@ impl Measuring {
                 };
                 let (factor, wo) = (both.sampled / both.stated, Some(Direction(wo)));
                 let fault = ScatteringFault::Sampling { factor, wo, near };
-                self.worst[6].see(whole + both.difference(), || fault);
+                self.worst.see(whole + both.difference(), fault);
             }
         }
         follows
@@ -502,14 +500,14 @@ impl Measuring {
 
     /// Compares the parts of the sphere over all views, unless a view alone has shown a fault.
     fn see_cells(&mut self) {
-        if self.worst[6].1.is_some() {
+        if self.worst.0.iter().any(|(_, fault)| matches!(fault, ScatteringFault::Sampling { .. })) {
             return;
         }
         for (number, all) in self.cells.into_iter().enumerate() {
             if all.differ(f64::from(VIEWS)) {
                 let (factor, near) = (all.sampled / all.stated, Some(Direction(middle(number))));
                 let fault = ScatteringFault::Sampling { factor, wo: None, near };
-                self.worst[6].see(all.difference(), || fault);
+                self.worst.see(all.difference(), fault);
             }
         }
     }
@@ -535,7 +533,7 @@ impl Measuring {
         for (albedo, variance) in sums.map(Sum::mean) {
             self.albedo = [self.albedo[0].min(albedo), self.albedo[1].max(albedo)];
             if albedo - ERRORS * variance.sqrt() > 1.0 + GAIN {
-                self.worst[3].see(albedo, || ScatteringFault::Energy { albedo, wo: Direction(wo) });
+                self.worst.see(albedo, ScatteringFault::Energy { albedo, wo: Direction(wo) });
             }
         }
     }
@@ -568,7 +566,7 @@ impl ScatteringSurface {
         let mut measuring = Measuring {
             transmits: self.transmits(),
             albedo: [f64::INFINITY, 0.0],
-            worst: std::array::from_fn(|_| Worst::default()),
+            worst: Worst::default(),
             cells: [Means::default(); CELLS],
         };
         for number in 0..VIEWS {
@@ -580,7 +578,7 @@ impl ScatteringSurface {
         let Measuring { albedo, worst, .. } = measuring;
         ScatteringReport {
             albedo: [albedo[0].min(albedo[1]), albedo[1]],
-            faults: worst.into_iter().filter_map(|Worst(_, fault)| fault).collect(),
+            faults: worst.0.into_iter().map(|(_, fault)| fault).collect(),
         }
     }
 }

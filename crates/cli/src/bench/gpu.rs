@@ -1,11 +1,10 @@
 //! `raystream bench gpu`.
 
 use super::super::args::BenchGpuArgs;
-use super::write;
-use anyhow::{Result, bail};
-use raystream::engine::{PreparedScene, UnitChoice, Units};
+use super::{open, write};
+use anyhow::Result;
+use raystream::engine::{UnitChoice, Units};
 use raystream::scene::Camera;
-use raystream::scene::generate;
 use raystream::schedule::Unit;
 use raystream_bench::Workload;
 use raystream_bench::visits::run as count;
@@ -17,11 +16,7 @@ pub fn run(args: &BenchGpuArgs) -> Result<()> {
         Some(adapter) => choice.with_adapter(adapter),
         None => choice,
     })?;
-    let prepared = PreparedScene::new(generate::scene(&args.count)?, &units)?;
-    if let Some(reason) = &prepared.degraded {
-        bail!("{reason}");
-    }
-    prepared.wait_for_device().map_err(anyhow::Error::msg)?;
+    let prepared = open(&args.count, &units)?;
     let (width, height) = args.size;
     let bounds = prepared.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);

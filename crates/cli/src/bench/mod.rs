@@ -21,10 +21,21 @@ use super::outputs::Outputs;
 use super::service::bench_live;
 use super::setup::{Setup, Work};
 use super::sheet::{Provenance, SceneRow, write};
-use anyhow::Result;
+use anyhow::{Error, Result, bail};
+use raystream::engine::{PreparedScene, Units};
 use raystream::picture::LoadingSpec;
-use raystream::scene::{Camera, Scene};
+use raystream::scene::{Camera, Scene, generate};
 use std::path::Path;
+
+/// A scene whose units are all ready.
+fn open(scene: &Path, units: &Units) -> Result<PreparedScene> {
+    let prepared = PreparedScene::new(generate::scene(scene)?, units)?;
+    if let Some(reason) = &prepared.degraded {
+        bail!("{reason}");
+    }
+    prepared.wait_for_device().map_err(Error::msg)?;
+    Ok(prepared)
+}
 
 /// Runs a measurement.
 pub fn run(command: &BenchCommand) -> Result<Outcome> {

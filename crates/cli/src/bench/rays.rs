@@ -2,12 +2,11 @@
 
 use super::super::args::{BenchRaysArgs, SceneView};
 use super::super::{printing, stats};
-use super::{Provenance, SceneRow};
-use anyhow::{Result, bail};
-use raystream::engine::{PreparedScene, UnitChoice, Units};
+use super::{Provenance, SceneRow, open};
+use anyhow::Result;
+use raystream::engine::{UnitChoice, Units};
 use raystream::lanes::SimdLevel;
 use raystream::scene::Camera;
-use raystream::scene::generate;
 use raystream::schedule::Unit;
 use raystream_bench::Workload;
 use raystream_bench::embree::Embree;
@@ -77,11 +76,7 @@ fn one_scene(
     embree: Option<&Embree>,
     options: &Options,
 ) -> Result<Report> {
-    let prepared = PreparedScene::new(generate::scene(&view.scene)?, units)?;
-    if let Some(reason) = &prepared.degraded {
-        bail!("{reason}");
-    }
-    prepared.wait_for_device().map_err(anyhow::Error::msg)?;
+    let prepared = open(&view.scene, units)?;
     let (width, height) = args.size;
     let bounds = prepared.scene.bounds();
     let framed = || Camera::framing(&bounds, width as f32 / height as f32);
