@@ -26,7 +26,6 @@ fn op_fma(a: u32, b: u32, c: u32) -> u32 {
     let size_a = a & MAGNITUDE;
     let size_b = b & MAGNITUDE;
     let size_c = c & MAGNITUDE;
-    highest = max(highest, max(max(size_a, size_b), size_c));
     if (size_a == 0u || size_b == 0u) {
         return select(c, (a ^ b) & c & SIGN, size_c == 0u);
     }

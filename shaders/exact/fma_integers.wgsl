@@ -63,8 +63,8 @@ fn op_fma(a: u32, b: u32, c: u32) -> u32 {
     let size_a = a & MAGNITUDE;
     let size_b = b & MAGNITUDE;
     let size_c = c & MAGNITUDE;
-    highest = max(highest, max(max(size_a, size_b), size_c));
-    if (highest >= INFINITE) {
+    if (max(max(size_a, size_b), size_c) >= INFINITE) {
+        undecided = true;
         return NOT_A_NUMBER;
     }
     let sign = (a ^ b) & SIGN;

@@ -9,7 +9,7 @@
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn probe_fma(@builtin(global_invocation_id) id: vec3<u32>) {
     let slot = id.x;
-    if (slot >= probe.x) {
+    if slot >= probe.x {
         return;
     }
     let result = op_fma(cases[3u * slot], cases[3u * slot + 1u], cases[3u * slot + 2u]);
@@ -23,13 +23,22 @@ fn case_at(word: u32) -> vec3<u32> {
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn probe_pairs(@builtin(global_invocation_id) id: vec3<u32>) {
     let slot = id.x;
-    if (slot >= probe.x) {
+    if slot >= probe.x {
         return;
     }
     let first = CASE_WORDS * slot;
-    let ray = ExactRay(case_at(first), cases[first + 3u], case_at(first + 4u), cases[first + 7u]);
-    scene_reach = cases[first + 17u];
+    let origin = bitcast<vec3<f32>>(case_at(first));
+    let direction = bitcast<vec3<f32>>(case_at(first + 4u));
+    let interval = bitcast<vec2<f32>>(vec2<u32>(cases[first + 3u], cases[first + 7u]));
+    let scene_reach = cases[first + 17u];
     unknown_zero = probe.y;
-    let hit = canonical_hit(ray, case_at(first + 8u), case_at(first + 11u), case_at(first + 14u));
-    results[slot] = vec4<u32>(hit.t, hit.u, hit.v, hit.is_hit | (is_undecided() << 1u));
+    var prepared: PreparedRay;
+    let fitness = prepare(Ray(origin, interval.x, direction, interval.y), scene_reach, &prepared);
+    var hit = NO_HIT;
+    if fitness == CERTAIN {
+        hit = canonical_hit(prepared, case_at(first + 8u), case_at(first + 11u), case_at(first + 14u));
+    }
+    // Scenes beyond the largest coordinate are refused when they are loaded.
+    let is_open = fitness == UNCERTAIN || is_undecided() != 0u || scene_reach > MAX_COORDINATE;
+    results[slot] = vec4<u32>(hit.t, hit.u, hit.v, hit.is_hit | select(0u, 2u, is_open));
 }

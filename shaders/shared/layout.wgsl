@@ -8,29 +8,24 @@ struct Ray {
     t_max: f32,
 }
 
-// An inner node of the eight-wide tree. The faces of its children's boxes are at whole steps from `origin`, a byte for
-// each slot; these boxes contain the exact ones. `shape` has the biased exponents of the steps along x, y and z, a byte
-// each, and in its highest byte a bit for every slot in use.
+// An inner node of the eight-wide tree, which is loaded 16 bytes at a time. The faces of its children's boxes are at
+// whole steps from its origin, the first three words of `corner`: a byte for each slot, of lower faces, then of upper
+// ones. These boxes contain the exact ones. The fourth word, the node's shape, has the biased exponents of the steps
+// along x, y and z, a byte each, and in its highest byte a bit for every slot in use.
 struct WideNode {
-    origin: vec3<f32>,
-    shape: u32,
-    lower_x: vec2<u32>,
-    upper_x: vec2<u32>,
-    lower_y: vec2<u32>,
-    upper_y: vec2<u32>,
-    lower_z: vec2<u32>,
-    upper_z: vec2<u32>,
+    corner: vec4<u32>,
+    x: vec4<u32>,
+    y: vec4<u32>,
+    z: vec4<u32>,
     children: array<u32, 8>,
 }
 
-// Two triangles, a b c and c b d, their corners rotated in any way. `identities` has their primitives.
+// Two triangles, a b c and c b d, their corners rotated in any way. The fourth numbers are those of d. `identities` has
+// their primitives.
 struct Pair {
-    a: vec3<f32>,
-    d_x: f32,
-    b: vec3<f32>,
-    d_y: f32,
-    c: vec3<f32>,
-    d_z: f32,
+    a: vec4<f32>,
+    b: vec4<f32>,
+    c: vec4<f32>,
 }
 
 // A tree instance: the columns of the matrix that moves its tree into the world, its root as a child reference, and

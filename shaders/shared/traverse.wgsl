@@ -1,6 +1,6 @@
-// Traversal of the scene. The kernel defines `take`, which records a triangle that is not refused and returns whether
-// the ray is done, and `limit_of`, the distance up to which hits matter. `descend` visits an inner node, and `next`
-// follows a leaf (`wide.wgsl`).
+// Traversal of the scene. The kernel defines `open_triangles`, the triangles of a pair that may be hit; `take`, which
+// tests such a triangle, keeps what it has found, and returns whether the ray is done; and `limit_of`, the bits of the
+// distance up to which hits matter. `descend` visits an inner node, and `next` follows a leaf (`wide.wgsl`).
 
 fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
     var way: Way;
@@ -17,8 +17,7 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
             return;
         }
         if MEMBERS && !way.inside {
-            current_member = reference & ~LEAF;
-            member = members[current_member];
+            member = members[reference & ~LEAF];
             if COUNTS {
                 visit_instance();
             }

@@ -33,3 +33,8 @@ fn visit_instance() {
     visits.instances += 1u;
     visits.bytes += 64u;
 }
+
+// The answer.
+fn visited() -> vec4<u32> {
+    return vec4<u32>(visits.nodes, visits.triangles, visits.bytes, visits.instances);
+}

@@ -6,7 +6,7 @@ mod passthrough;
 mod spirv;
 
 pub(crate) use passthrough::module;
-pub(crate) use spirv::{FloatControls, Fma, spirv};
+pub(crate) use spirv::{Checks, FloatControls, Fma, spirv};
 
 /// Threads of a workgroup of such kernels.
 pub(crate) const WORKGROUP: u32 = 64;

@@ -3,10 +3,11 @@
 //! Unsafe code. Invariants:
 //! 1. The words are those of `spirv`: naga has validated and written the module, which then got decorations of
 //!    results and float controls, the latter only if the device offers them ([`float_controls`]).
-//! 2. Every index is in range. A thread beyond the number of points or rays returns at once, the caller binds as many
-//!    words as these need, and naga's policy `Restrict` clamps indices all the same.
-//! 3. Every loop ends: a program's after `MOST_TURNS` turns of all loops of a point, others after three turns, and naga
-//!    bounds loops as well.
+//! 2. Every index is in range. A thread beyond the number of points or rays returns at once, and the caller binds as many
+//!    words as these need. With `Checks::Kept` naga's policy `Restrict` clamps indices all the same; with
+//!    `Checks::Proven`, of which traversals alone make use, invariant 2 of `trace::gpu::unchecked_module` holds.
+//! 3. Every loop ends: a program's after `MOST_TURNS` turns of all loops of a point, a traversal's by invariant 3 of
+//!    `trace::gpu::unchecked_module`, others after three turns. With `Checks::Kept` naga bounds loops as well.
 //! 4. The hal device is used while its guard lives, and nothing of it is destroyed. Structs are filled as Vulkan
 //!    requires; the instance has version 1.1 at least where the device has 1.2.
 #![allow(unsafe_code, reason = "the invariants above")]

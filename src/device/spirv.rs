@@ -58,24 +58,39 @@ pub(crate) enum Fma {
     Probed,
 }
 
+/// Whether a kernel checks its own indices and loops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Checks {
+    /// Indices are clamped, and loops end.
+    Kept,
+    /// Its author proves that indices are in range and that loops end: a traversal would pay in every turn.
+    Proven,
+}
+
 /// Compiles a kernel's WGSL.
 ///
 /// # Errors
 /// When naga refuses it, or when it has an operation on numbers that is no sum, difference or product.
-pub(crate) fn spirv(source: &str, controls: FloatControls, fma: Fma) -> Result<Vec<u32>, String> {
+pub(crate) fn spirv(
+    source: &str,
+    controls: FloatControls,
+    fma: Fma,
+    checks: Checks,
+) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)
         .map_err(|error| error.emit_to_string(source))?;
-    let bounds = BoundsCheckPolicies {
-        index: BoundsCheckPolicy::Restrict,
-        buffer: BoundsCheckPolicy::Restrict,
-        ..BoundsCheckPolicies::default()
+    let policy = match checks {
+        Checks::Kept => BoundsCheckPolicy::Restrict,
+        Checks::Proven => BoundsCheckPolicy::Unchecked,
     };
+    let bounds = BoundsCheckPolicies { index: policy, buffer: policy, ..BoundsCheckPolicies::default() };
     let options = spv::Options {
         lang_version: (1, 3),
         flags: spv::WriterFlags::empty(),
         bounds_check_policies: bounds,
+        force_loop_bounding: checks == Checks::Kept,
         ..spv::Options::default()
     };
     let words = spv::write_vec(&module, &info, &options, None).map_err(|error| error.to_string())?;
@@ -162,7 +177,7 @@ mod tests {
     #[test]
     fn every_operation_on_numbers_is_decorated_and_others_are_refused() {
         let compiled = |operation: &str, controls| {
-            spirv(&KERNEL.replace("OPERATION", operation), controls, Fma::Refused)
+            spirv(&KERNEL.replace("OPERATION", operation), controls, Fma::Refused, Checks::Kept)
         };
         let plain = compiled("words[0] * words[1] + words[2] - words[3]", FloatControls::default());
         let plain = plain.expect("sums and products only");

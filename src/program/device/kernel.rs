@@ -54,7 +54,8 @@ impl Kernel {
         }
         let (inputs, outputs) = (inputs(code), outputs(code));
         let probes = probes(std::iter::once(code).chain(natives.iter().map(|(_, code)| code)));
-        let mut source = format!("const FLUSHES: bool = {flushes};\n\n{OPERATIONS}");
+        let mut source =
+            format!("const FLUSHES: bool = {flushes};\nconst OVERFLOWS: bool = true;\n\n{OPERATIONS}");
         for (native, code) in &natives {
             source += &native_function(*native, code);
         }

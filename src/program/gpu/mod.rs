@@ -12,7 +12,7 @@ mod tests;
 
 use super::device::{Kernel, Program};
 use super::{BsdfShader, PatternShader, ShaderError};
-use crate::device::{FloatControls, Fma, float_controls, spirv};
+use crate::device::{Checks, FloatControls, Fma, float_controls, spirv};
 use crate::trace::gpu::Gpu;
 use dispatch::{Entry, MOST_POINTS, Pipelines};
 use std::sync::Arc;
@@ -145,7 +145,8 @@ impl GpuProgram {
         let no_vulkan =
             || GpuProgramError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
         let controls: FloatControls = controls.map_err(GpuProgramError::Lost)?.ok_or_else(no_vulkan)?;
-        let words = spirv(&kernel.source, controls, Fma::Refused).map_err(GpuProgramError::Kernel)?;
+        let words =
+            spirv(&kernel.source, controls, Fma::Refused, Checks::Kept).map_err(GpuProgramError::Kernel)?;
         let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
         let pipelines = pipelines.map_err(GpuProgramError::Lost)?.map_err(GpuProgramError::Kernel)?;
         check::operations(gpu, &pipelines, &kernel)?;

@@ -2,7 +2,7 @@
 
 use super::dispatch::{Entry, Pipelines};
 use super::{GpuProgram, GpuProgramError, check};
-use crate::device::{Fma, float_controls, spirv};
+use crate::device::{Checks, Fma, float_controls, spirv};
 use crate::program::PatternShader;
 use crate::program::device::tests::{bsdfs, programs};
 use crate::program::device::{Kernel, sample_points};
@@ -221,7 +221,8 @@ fn the_probe_runs_within_the_module_of_the_pattern() {
     let shader = pattern("f.roughness = at.position.x * 0.1 * 3.7 + at.uv.x;");
     let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let controls = gpu.guard(|device, _| Ok(float_controls(device))).expect("the device is there");
-    let words = spirv(&kernel.source, controls.expect("Vulkan"), Fma::Refused).expect("a module");
+    let words =
+        spirv(&kernel.source, controls.expect("Vulkan"), Fma::Refused, Checks::Kept).expect("a module");
     let pipelines = gpu.guard(|device, _| Ok(Pipelines::new(device, &words))).expect("pipelines");
     assert_eq!(check::operations(&gpu, &pipelines, &kernel), Ok(()));
     let mut results = vec![0; 2 * 64];

@@ -25,8 +25,7 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(super) struct KernelPipeline {
     pipeline: wgpu::ComputePipeline,
-    /// Makes hits of the kernel's candidates, if a device can.
-    exact: Option<wgpu::ComputePipeline>,
+    answers: Answers,
     layout: wgpu::BindGroupLayout,
     /// Bytes of one ray's answer.
     answer_bytes: usize,
@@ -34,6 +33,15 @@ pub(super) struct KernelPipeline {
     idle_staging: Mutex<Vec<StagingBuffers>>,
     idle_lists: Mutex<Vec<UndecidedList>>,
     idle_params: Mutex<Vec<wgpu::Buffer>>,
+}
+
+/// What a kernel answers with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answers {
+    /// Candidates, of which the host makes hits.
+    Candidates,
+    /// Hits, and a list of rays that it leaves to the host.
+    Hits,
 }
 
 /// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
@@ -104,8 +112,8 @@ impl<A: Pod + Debug + Send + Sync> Request<'_, A> {
 }
 
 impl KernelPipeline {
-    /// Compiles a kernel from its source.
-    pub fn new(
+    /// A kernel that answers with candidates, compiled from its source.
+    pub fn of_source(
         device: &wgpu::Device,
         kernel: Kernel,
         source: String,
@@ -125,12 +133,21 @@ impl KernelPipeline {
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         });
-        let answer_bytes = kernel.answer_bytes();
+        Self::new(kernel, (pipeline, Answers::Candidates), layouts, shared_memory)
+    }
+
+    /// A kernel that has been compiled.
+    pub fn new(
+        kernel: Kernel,
+        (pipeline, answers): (wgpu::ComputePipeline, Answers),
+        layouts: Layouts<'_>,
+        shared_memory: bool,
+    ) -> Self {
         Self {
             pipeline,
-            exact: None,
+            answers,
             layout: layouts.request.clone(),
-            answer_bytes,
+            answer_bytes: kernel.answer_bytes(),
             shared_memory,
             idle_staging: Mutex::default(),
             idle_lists: Mutex::default(),
@@ -138,14 +155,9 @@ impl KernelPipeline {
         }
     }
 
-    /// Has a kernel make hits of the candidates.
-    pub fn make_exact(&mut self, exact: Option<wgpu::ComputePipeline>) {
-        self.exact = exact;
-    }
-
-    /// True if the device makes hits of the candidates.
+    /// True if the device answers with hits.
     pub fn is_exact(&self) -> bool {
-        self.exact.is_some()
+        self.answers == Answers::Hits
     }
 
     /// Bytes that are copied between host and device for a request.
@@ -251,10 +263,6 @@ impl KernelPipeline {
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, &group, &[]);
         pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
-        if let Some(exact) = &self.exact {
-            pass.set_pipeline(exact);
-            pass.dispatch_workgroups((count as u32).div_ceil(WORKGROUP_SIZE), 1, 1);
-        }
     }
 
     /// Takes the smallest idle list for dispatches of `rays`, or allocates one for a power of two.
@@ -291,7 +299,7 @@ impl KernelPipeline {
     }
 
     /// Reads the answers back into the request's memory, once the submission is done, and frees the buffers for the
-    /// next dispatch. Returns the undecided rays, if the device has made hits of the candidates.
+    /// next dispatch. Returns the undecided rays, if the device answers with hits.
     pub fn read_back<A: Pod + Debug + Send + Sync>(
         &self,
         request: &mut Request<'_, A>,

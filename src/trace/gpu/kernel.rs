@@ -2,6 +2,7 @@
 
 use super::layout;
 use super::pages::ScenePages;
+use crate::device::{Fma, OPERATIONS};
 use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
 use crate::stream::MISS;
 use std::fmt::Write as _;
@@ -15,14 +16,16 @@ pub(super) enum Kernel {
     TraceAny,
 }
 
-pub(super) const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
+const LAYOUT: &str = include_str!("../../../shaders/shared/layout.wgsl");
 const RAY: &str = include_str!("../../../shaders/shared/ray.wgsl");
-const TRIANGLE: &str = include_str!("../../../shaders/shared/triangle.wgsl");
+const NEAR_FMA: &str = include_str!("../../../shaders/shared/near_fma.wgsl");
+const EDGES: &str = include_str!("../../../shaders/shared/edges.wgsl");
 const PLACEMENT: &str = include_str!("../../../shaders/shared/placement.wgsl");
 const VISITS: &str = include_str!("../../../shaders/shared/visits.wgsl");
 const LEAF: &str = include_str!("../../../shaders/shared/leaf.wgsl");
 const TRAVERSE: &str = include_str!("../../../shaders/shared/traverse.wgsl");
 const WIDE: &str = include_str!("../../../shaders/shared/wide.wgsl");
+const TRIANGLE: &str = include_str!("../../../shaders/candidates/triangle.wgsl");
 
 impl Kernel {
     /// The name of the entry point and of the file.
@@ -41,26 +44,58 @@ impl Kernel {
         }
     }
 
-    /// True if the kernel's candidates are places. An answer of `trace_any` has no room for a member's number.
-    pub fn names_places(self, shape: &Shape) -> bool {
-        shape.exact && !(self == Self::TraceAny && shape.members)
-    }
-
     fn body(self) -> &'static str {
         match self {
-            Self::TraceClosest => include_str!("../../../shaders/trace_closest.wgsl"),
-            Self::TraceAny => include_str!("../../../shaders/trace_any.wgsl"),
+            Self::TraceClosest => include_str!("../../../shaders/candidates/trace_closest.wgsl"),
+            Self::TraceAny => include_str!("../../../shaders/candidates/trace_any.wgsl"),
         }
     }
 
-    /// The whole source for scenes of this shape.
+    /// The whole source for scenes of this shape, of the kernel that answers with candidates.
     pub fn source(self, shape: &Shape) -> String {
-        let (exact, counts) = (self.names_places(shape), shape.counts);
-        let kinds = format!("const EXACT: bool = {exact};\nconst COUNTS: bool = {counts};\n");
-        let (constants, pages) = (constants(shape) + &kinds, shape.pages.source());
-        let common = [RAY, TRIANGLE, PLACEMENT, VISITS, LEAF, WIDE, TRAVERSE];
-        [&[&*constants, LAYOUT, &pages], &common[..], &[self.body()]].concat().join("\n")
+        // Its margins allow for what a device does to small numbers.
+        traversal(shape, Arithmetic { flushes: false, near_fma: Fma::Probed, sides: Sides::WithinMargins })
+            + &[TRIANGLE, self.body()].join("\n")
     }
+}
+
+/// How a traversal computes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Arithmetic {
+    /// Rays that come near subnormal numbers are undecided.
+    pub flushes: bool,
+    /// Whether what has margins may use the device's fused multiply-add.
+    pub near_fma: Fma,
+    pub sides: Sides,
+}
+
+/// How triangles are rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sides {
+    /// By edge functions as the device computes them, and their margins.
+    WithinMargins,
+    /// By the signs of edge functions that are the host's to the bit.
+    Exact,
+}
+
+/// What all kernels share, up to the test of a triangle.
+pub(super) fn traversal(shape: &Shape, arithmetic: Arithmetic) -> String {
+    let Arithmetic { flushes, near_fma, sides } = arithmetic;
+    let near_fma = match near_fma {
+        Fma::Probed => NEAR_FMA.to_owned(),
+        Fma::Refused => NEAR_FMA.replace("fma(a, b, c)", "a * b + c"),
+    };
+    let edges = match sides {
+        Sides::WithinMargins => EDGES,
+        Sides::Exact => include_str!("../../../shaders/exact/sides.wgsl"),
+    };
+    let kinds = format!(
+        "const FLUSHES: bool = {flushes};\nconst OVERFLOWS: bool = false;\nconst COUNTS: bool = {};\n",
+        shape.counts
+    );
+    let (constants, pages) = (constants(shape) + &kinds, shape.pages.source());
+    let common = [OPERATIONS, LAYOUT, &pages, RAY, &near_fma, edges, PLACEMENT, VISITS, LEAF, WIDE, TRAVERSE];
+    [&[&*constants], &common[..], &[""]].concat().join("\n")
 }
 
 /// The properties of a scene that its kernels are compiled for.
@@ -71,8 +106,6 @@ pub(super) struct Shape {
     /// True if it is a two-level tree.
     pub members: bool,
     pub pages: ScenePages,
-    /// True if other kernels make hits of the candidates.
-    pub exact: bool,
     /// True if the answers to closest hits are what rays visit.
     pub counts: bool,
 }
@@ -94,26 +127,23 @@ fn constants(shape: &Shape) -> String {
         ("OCCLUDED", layout::OCCLUDED),
         ("UNDECIDED", layout::UNDECIDED),
         ("MORE", layout::MORE),
-        ("PLACE_MASKED", layout::PLACE_MASKED),
-        ("SIGN", (-0.0_f32).to_bits()),
-        ("EXPONENT", f32::INFINITY.to_bits()),
-        ("PLUS_INFINITY", f32::INFINITY.to_bits()),
-        ("MINUS_INFINITY", f32::NEG_INFINITY.to_bits()),
+        ("MASKED_RAY", layout::MASKED_RAY),
+        ("MAX_COORDINATE", MAX_COORDINATE.to_bits()),
+        ("DIRECTION_MIN", DIRECTION_RANGE.start().to_bits()),
+        ("DIRECTION_MAX", DIRECTION_RANGE.end().to_bits()),
+        ("MIN_COMPONENT", MIN_COMPONENT.to_bits()),
+        ("SLACK", SLACK.to_bits()),
+        ("LEAST_PAD", layout::LEAST_PAD.to_bits()),
+        ("LARGEST_WORD", f32::MAX.to_bits()),
     ];
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
     }
     let floats = [
-        ("MAX_COORDINATE", MAX_COORDINATE),
-        ("DIRECTION_MIN", *DIRECTION_RANGE.start()),
-        ("DIRECTION_MAX", *DIRECTION_RANGE.end()),
-        ("MIN_COMPONENT", MIN_COMPONENT),
-        ("SLACK", SLACK),
         ("LARGEST_FLOAT", f32::MAX),
         ("MARGIN", layout::MARGIN),
         ("T_ROUNDING", layout::T_ROUNDING),
         ("TINY", layout::TINY),
-        ("LEAST_PAD", layout::LEAST_PAD),
     ];
     for (name, value) in floats {
         // Rust prints the shortest decimal that reads back as the same number.
@@ -134,11 +164,11 @@ mod tests {
     const ALL: [Kernel; 2] = [Kernel::TraceClosest, Kernel::TraceAny];
 
     fn parse(kernel: Kernel) -> naga::Module {
-        parse_shape(kernel, ScenePages::ONE, [false; 2])
+        parse_shape(kernel, ScenePages::ONE, false)
     }
 
-    fn parse_shape(kernel: Kernel, pages: ScenePages, [exact, counts]: [bool; 2]) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, members: true, pages, exact, counts });
+    fn parse_shape(kernel: Kernel, pages: ScenePages, counts: bool) -> naga::Module {
+        let source = kernel.source(&Shape { stack: 24, members: true, pages, counts });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 
@@ -146,7 +176,7 @@ mod tests {
     fn every_kernel_is_valid_without_any_optional_capability() {
         let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
         let paged = [ScenePages::ONE, ScenePages { nodes: two, pairs: three, identities: two }];
-        let kinds = [[false; 2], [true, false], [false, true]];
+        let kinds = [false, true];
         let kernels = ALL.into_iter().flat_map(|kernel| kinds.map(|kind| (kernel, kind)));
         for ((kernel, kind), pages) in kernels.flat_map(|kernel| paged.map(|pages| (kernel, pages))) {
             let module = parse_shape(kernel, pages, kind);
@@ -177,10 +207,8 @@ mod tests {
         use layout::{Candidates, Pair, Params, TreeInstance, WideNode};
         let expected: [Layout; 6] = [
             layout_of!(Ray: origin, t_min, direction, t_max),
-            layout_of!(
-                WideNode: origin, shape, lower_x, upper_x, lower_y, upper_y, lower_z, upper_z, children
-            ),
-            layout_of!(Pair: a, d_x, b, d_y, c, d_z),
+            layout_of!(WideNode: corner, x, y, z, children),
+            layout_of!(Pair: a, b, c),
             layout_of!(TreeInstance: x, root, y, first, z, spare_0, shift, spare_1),
             layout_of!(Candidates: first, second, third, rest),
             layout_of!(Params: count, scene_max_abs, zero, spare),

@@ -7,28 +7,37 @@ use bytemuck::{Pod, Zeroable};
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct WideNode {
-    pub origin: [f32; 3],
-    pub shape: u32,
-    pub lower_x: [u8; 8],
-    pub upper_x: [u8; 8],
-    pub lower_y: [u8; 8],
-    pub upper_y: [u8; 8],
-    pub lower_z: [u8; 8],
-    pub upper_z: [u8; 8],
+    /// The words of its origin's coordinates, and its shape: see `shaders/shared/layout.wgsl`.
+    pub corner: [u32; 4],
+    /// Lower faces, then upper ones.
+    pub x: [[u8; 8]; 2],
+    pub y: [[u8; 8]; 2],
+    pub z: [[u8; 8]; 2],
     /// Child references.
     pub children: [u32; 8],
 }
 
-/// Two triangles that share an edge: `a b c` and `c b d`.
+/// Two triangles that share an edge: `a b c` and `c b d`. The fourth numbers are those of `d`.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Pair {
-    pub a: [f32; 3],
-    pub d_x: f32,
-    pub b: [f32; 3],
-    pub d_y: f32,
-    pub c: [f32; 3],
-    pub d_z: f32,
+    pub a: [f32; 4],
+    pub b: [f32; 4],
+    pub c: [f32; 4],
+}
+
+impl Pair {
+    /// The pair of these corners.
+    pub fn new([a, b, c, d]: [[f32; 3]; 4]) -> Self {
+        let with = |[x, y, z]: [f32; 3], w| [x, y, z, w];
+        Self { a: with(a, d[0]), b: with(b, d[1]), c: with(c, d[2]) }
+    }
+
+    /// The corners.
+    pub fn corners(&self) -> [[f32; 3]; 4] {
+        let first = |[x, y, z, _]: [f32; 4]| [x, y, z];
+        [first(self.a), first(self.b), first(self.c), [self.a[3], self.b[3], self.c[3]]]
+    }
 }
 
 /// The primitives of a pair, each with its turn (how its corners are rotated): see `shaders/shared/layout.wgsl`.
@@ -52,9 +61,6 @@ pub(super) struct TreeInstance {
 
 /// Where the canonical nearest hit of a ray may be: on one of up to three primitives, in order of distance
 /// ([`crate::stream::MISS`] where there are fewer), or on a primitive that was left out, not nearer than `rest`.
-///
-/// Behind such an answer the kernels of `exact` want places instead: three of them and `rest`; of members two places,
-/// then the numbers of their members.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Candidates {
@@ -98,16 +104,13 @@ pub(super) const UNDECIDED: u32 = u32::MAX - 2;
 /// bits.
 pub(super) const MORE: u32 = 1 << 30;
 
-/// Bit of a place: the filter decides about hits there. A place is a candidate that names the index of a pair, times
-/// two, plus one for its second triangle.
-pub(super) const PLACE_MASKED: u32 = 1 << 28;
 /// Bit of a listed ray: it is undecided because the filter decides about a candidate.
 pub(super) const MASKED_RAY: u32 = 1 << 31;
 
 /// Threads of a workgroup.
 pub(super) const WORKGROUP_SIZE: u32 = 64;
 
-/// Relative error bound of the triangle test; `shaders/shared/triangle.wgsl` derives it.
+/// Relative error bound of the triangle test; `shaders/candidates/triangle.wgsl` derives it.
 pub(super) const MARGIN: f32 = 16.0 / (1 << 24) as f32;
 /// Relative error bound of a quotient and of two sums after it.
 pub(super) const T_ROUNDING: f32 = 16.0 / (1 << 24) as f32;

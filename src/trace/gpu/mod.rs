@@ -6,10 +6,11 @@
 //! Bvh -flatten-> scene buffers, kernels (DeviceScene) ----+> GpuTracer
 //! ```
 //!
-//! The device's arithmetic is not trusted to the bit. For each ray the device names up to three *candidates*:
-//! primitives among which the canonical hit certainly is. It also says when there may be more
-//! (`shaders/shared/triangle.wgsl` has the error analysis). The host evaluates the candidates canonically, alpha
-//! included, and the CPU tracer traces the rays that stay *undecided*. So the result is that of
+//! A device whose arithmetic has the host's bits (`exact`) answers with canonical hits and a list of rays that it leaves
+//! to the host. The arithmetic of others is not trusted to the bit. For each ray such a device names up to three
+//! *candidates*: primitives among which the canonical hit certainly is. It also says when there may be more
+//! (`shaders/candidates/triangle.wgsl` has the error analysis). The host evaluates the candidates canonically, alpha
+//! included. The CPU tracer traces the rays that stay *undecided*. So the result is that of
 //! [`crate::geom::CanonicalRay`] to the bit, on any device that rounds `+`, `-` and `*` to the nearest number.
 //!
 //! # A bundle's life
@@ -25,11 +26,11 @@
 //!    |                                                          |
 //!  (wait)      poll, watched by the watchdog; meanwhile other   |
 //!    |         bundles are submitted          <-----------------+
-//! read back    candidates are in the streams' memory; buffers are free for the next bundle
+//! read back    answers are in the streams' memory; buffers are free for the next bundle
 //!    |
 //! host threads, a stream each
 //!    |
-//! resolve      canonical test of each candidate; CPU tracer for undecided rays (resolve.rs)
+//! resolve      CPU tracer for undecided rays; canonical test of candidates, if these are the answers (resolve.rs)
 //!    |
 //! cross-check  the CPU traces a sample of the rays again (cross_check.rs)
 //!    v

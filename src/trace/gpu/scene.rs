@@ -1,7 +1,7 @@
 //! A scene on the device: its buffers, and the kernels compiled for it.
 
-use super::dispatch::{KernelPipeline, bind_whole};
-use super::exact::{ExactKernels, Layouts, Refusal, Route};
+use super::dispatch::{Answers, KernelPipeline, bind_whole};
+use super::exact::{ExactKernels, Form, Layouts, Refusal};
 use super::flatten::FlatScene;
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
@@ -12,8 +12,18 @@ use crate::bvh::Bvh;
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
-/// Makes a kernel's source for scenes of a shape.
-pub(super) type Source = fn(Kernel, &Shape) -> String;
+/// Which kernels a scene gets.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kernels {
+    /// Those of exact hits if the device can have them, else those of candidates.
+    Best,
+    /// Those of candidates, with this source.
+    #[cfg(test)]
+    Candidates(fn(Kernel, &Shape) -> String),
+    /// Those of exact hits in this form, or none.
+    #[cfg(test)]
+    Exact(Form),
+}
 
 /// A scene on the device.
 #[derive(Debug)]
@@ -25,19 +35,19 @@ pub(super) struct DeviceScene {
     layouts: [wgpu::BindGroupLayout; 2],
     pub trace_closest: KernelPipeline,
     pub trace_any: KernelPipeline,
-    /// How the device makes hits of candidates, or why the host does.
-    pub exact_hits: Result<Route, Refusal>,
+    /// How the device makes hits, or why the host does.
+    pub exact_hits: Result<Form, Refusal>,
     /// Bytes of the scene's buffers.
     pub bytes: u64,
 }
 
 impl DeviceScene {
-    /// Uploads a tree and compiles the kernels for it from `source`.
+    /// Uploads a tree and compiles the kernels for it.
     ///
     /// # Errors
     /// When the scene exceeds what the adapter can bind (before anything is allocated), the device refuses it, or the
     /// device is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, bvh: &Bvh, kernels: Kernels) -> Result<Self, GpuError> {
         let adapter = || gpu.info().to_string();
         let flat = FlatScene::of(bvh);
         let pages = ScenePages::new(gpu.info(), flat.records())?;
@@ -59,14 +69,14 @@ impl DeviceScene {
             }
             Ok(buffers)
         };
-        let shape = Shape { stack, members: !members.is_empty(), pages, exact: false, counts: false };
+        let shape = Shape { stack, members: !members.is_empty(), pages, counts: false };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
         let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings()));
         let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
         let layouts = Layouts { scene: &layout, request: &request };
         // Drivers take half a second for the kernels.
-        let (kernels, stored) = rayon::join(|| Kernels::compile(gpu, &shape, layouts, source), store);
-        let Kernels { trace_closest, trace_any, exact_hits } = kernels?;
+        let (compiled, stored) = rayon::join(|| kernels.compile(gpu, &shape, layouts), store);
+        let Compiled { trace_closest, trace_any, exact_hits } = compiled?;
         let buffers = stored?;
         let bound = gpu.attempt(|device, _| {
             let entries: Vec<_> =
@@ -86,62 +96,66 @@ impl DeviceScene {
     pub fn counting_kernel(&self, gpu: &Gpu) -> Result<KernelPipeline, String> {
         let [scene, request] = &self.layouts;
         let (shape, layouts) = (Shape { counts: true, ..self.shape }, Layouts { scene, request });
+        let (kernel, shared) = (Kernel::TraceClosest, gpu.info().shared_memory);
+        if let Ok(form) = self.exact_hits {
+            let controls = Refusal::unless_possible(gpu).map_err(|refusal| refusal.to_string())?;
+            let closest = ExactKernels::of_form(gpu, &shape, layouts, (form, controls))?.closest;
+            return Ok(KernelPipeline::new(kernel, (closest, Answers::Hits), layouts, shared));
+        }
         let compiled = gpu.attempt(|device, _| {
-            let kernel = Kernel::TraceClosest;
-            KernelPipeline::new(device, kernel, kernel.source(&shape), layouts, gpu.info().shared_memory)
+            KernelPipeline::of_source(device, kernel, kernel.source(&shape), layouts, shared)
         });
         compiled.and_then(|compiled| compiled)
     }
 }
 
 /// The kernels of a scene.
-struct Kernels {
+struct Compiled {
     trace_closest: KernelPipeline,
     trace_any: KernelPipeline,
-    exact_hits: Result<Route, Refusal>,
+    exact_hits: Result<Form, Refusal>,
 }
 
 impl Kernels {
-    /// Compiles the kernels for scenes of a shape, and those that make exact hits where the device can.
-    fn compile(gpu: &Gpu, shape: &Shape, layouts: Layouts<'_>, source: Source) -> Result<Self, GpuError> {
-        let shared = gpu.info().shared_memory;
-        let compile = |kernel: Kernel, shape: &Shape| {
-            if gpu.fault() == Some(Fault::Refused) {
-                let (adapter, reason) = (gpu.info().to_string(), "refused, as requested".to_owned());
-                return Err(GpuError::Kernel { adapter, reason });
+    /// Compiles the kernels for scenes of a shape.
+    fn compile(self, gpu: &Gpu, shape: &Shape, layouts: Layouts<'_>) -> Result<Compiled, GpuError> {
+        let refused = |reason| GpuError::Kernel { adapter: gpu.info().to_string(), reason };
+        if gpu.fault() == Some(Fault::Refused) {
+            return Err(refused("refused, as requested".to_owned()));
+        }
+        let (exact, source): (Result<ExactKernels, Refusal>, fn(Kernel, &Shape) -> String) = match self {
+            Self::Best => (ExactKernels::new(gpu, shape, layouts), Kernel::source),
+            #[cfg(test)]
+            Self::Candidates(source) => (Err(Refusal::Lost("candidates, as requested".into())), source),
+            #[cfg(test)]
+            Self::Exact(form) => {
+                let controls = Refusal::unless_possible(gpu).expect("Vulkan");
+                let kernels = ExactKernels::of_form(gpu, shape, layouts, (form, controls));
+                (Ok(kernels.map_err(refused)?), Kernel::source)
             }
+        };
+        let shared = gpu.info().shared_memory;
+        let refusal = match exact {
+            Ok(ExactKernels { form, closest, any }) => {
+                let exact = |kernel, pipeline| {
+                    KernelPipeline::new(kernel, (pipeline, Answers::Hits), layouts, shared)
+                };
+                return Ok(Compiled {
+                    trace_closest: exact(Kernel::TraceClosest, closest),
+                    trace_any: exact(Kernel::TraceAny, any),
+                    exact_hits: Ok(form),
+                });
+            }
+            Err(refusal) => refusal,
+        };
+        let compile = |kernel: Kernel| {
             let compiled = gpu.attempt(|device, _| {
-                let source = source(kernel, shape);
-                KernelPipeline::new(device, kernel, source, layouts, shared)
+                KernelPipeline::of_source(device, kernel, source(kernel, shape), layouts, shared)
             });
-            let refused = |reason| GpuError::Kernel { adapter: gpu.info().to_string(), reason };
             compiled.map_err(GpuError::Lost)?.map_err(refused)
         };
-        let both = |exact: bool| {
-            let shape = Shape { exact, ..*shape };
-            let (closest, any) =
-                rayon::join(|| compile(Kernel::TraceClosest, &shape), || compile(Kernel::TraceAny, &shape));
-            Ok((closest?, any?))
-        };
-        let is_possible = Refusal::unless_possible(gpu);
-        let wants_exact = is_possible.is_ok();
-        let make_exact = || is_possible.and_then(|_| ExactKernels::new(gpu, shape, layouts));
-        let (exact, traversals) = rayon::join(make_exact, || both(wants_exact));
-        let (mut trace_closest, mut trace_any) = traversals?;
-        let exact_hits = match exact {
-            Ok(ExactKernels { route, closest, any }) => {
-                trace_closest.make_exact(Some(closest));
-                trace_any.make_exact(any);
-                Ok(route)
-            }
-            Err(refusal) => {
-                if wants_exact {
-                    (trace_closest, trace_any) = both(false)?;
-                }
-                Err(refusal)
-            }
-        };
-        Ok(Self { trace_closest, trace_any, exact_hits })
+        let (closest, any) = rayon::join(|| compile(Kernel::TraceClosest), || compile(Kernel::TraceAny));
+        Ok(Compiled { trace_closest: closest?, trace_any: any?, exact_hits: Err(refusal) })
     }
 }
 

@@ -3,10 +3,9 @@
 use super::bundle::Bundle;
 use super::cross_check::{LEAST, Sampling};
 use super::dispatch::{Request, max_rays};
-use super::exact::{Refusal, Route};
-use super::kernel::Kernel;
+use super::exact::Refusal;
 use super::resolve::Resolver;
-use super::scene::{DeviceScene, Source};
+use super::scene::{DeviceScene, Kernels};
 use super::undecided::Undecided;
 use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
 use crate::bvh::{Bvh, Filter};
@@ -26,8 +25,8 @@ const MAX_RAYS: usize = 1 << 20;
 /// The same for software adapters, which may take microseconds a ray and must not exceed the watchdog's limit.
 const MAX_RAYS_SOFTWARE: usize = 1 << 16;
 
-/// Traces ray streams of one scene on a GPU. The answers are canonical: the host evaluates the device's candidates, and
-/// the CPU tracer traces undecided rays.
+/// Traces ray streams of one scene on a GPU. The answers are canonical: the device's own where its arithmetic has the
+/// host's bits, else the host evaluates its candidates. The CPU tracer traces undecided rays.
 ///
 /// When the device is lost, calls fail at once while another device is opened in the background and gets the scene;
 /// from then on calls are answered again.
@@ -47,7 +46,7 @@ pub(super) struct Shared {
     device: Mutex<Arc<SceneDevice>>,
     /// Opens a replacement of a lost device.
     worker: Mutex<Option<JoinHandle<()>>>,
-    source: Source,
+    kernels: Kernels,
     pub resolver: Resolver,
     /// No replacement will come: none can be opened, or the tracer is being dropped.
     is_final: AtomicBool,
@@ -62,8 +61,8 @@ pub(super) struct SceneDevice {
 }
 
 impl SceneDevice {
-    fn new(gpu: Arc<Gpu>, bvh: &Bvh, source: Source) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, bvh, source)?;
+    fn new(gpu: Arc<Gpu>, bvh: &Bvh, kernels: Kernels) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, bvh, kernels)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
@@ -110,7 +109,7 @@ impl Shared {
     fn open_successor(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.is_final) {
-            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.source) {
+            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.kernels) {
                 Ok(device) => {
                     let mut current = self.device.lock().unwrap_or_else(PoisonError::into_inner);
                     let lost = std::mem::replace(&mut *current, Arc::new(device));
@@ -138,33 +137,33 @@ impl GpuTracer {
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
     ) -> Result<Self, GpuError> {
-        Self::with_source(gpu, bvh, filter, cpu, Kernel::source)
+        Self::with_kernels(gpu, bvh, filter, cpu, Kernels::Best)
     }
 
-    /// Like [`GpuTracer::new`], with kernels compiled from `source`.
-    pub(super) fn with_source(
+    /// Like [`GpuTracer::new`], with these kernels.
+    pub(super) fn with_kernels(
         gpu: Arc<Gpu>,
         bvh: Arc<Bvh>,
         filter: Option<Arc<dyn Filter>>,
         cpu: Arc<dyn Tracer>,
-        source: Source,
+        kernels: Kernels,
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
         let name = gpu.info().name.clone();
-        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, source)?));
+        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, kernels)?));
         let resolver = Resolver { bvh, filter, cpu };
         let (worker, is_final) = (Mutex::default(), AtomicBool::new(false));
-        let shared = Arc::new(Shared { device, worker, source, resolver, is_final });
+        let shared = Arc::new(Shared { device, worker, kernels, resolver, is_final });
         Ok(Self { name, shared })
     }
 
     /// A tracer of the same scene on the same device, with another filter. `cpu` traces the scene with that filter.
     pub fn with_filter(&self, filter: Option<Arc<dyn Filter>>, cpu: Arc<dyn Tracer>) -> Self {
-        let Shared { source, resolver, .. } = &*self.shared;
+        let Shared { kernels, resolver, .. } = &*self.shared;
         let shared = Arc::new(Shared {
             device: Mutex::new(self.shared.device()),
             worker: Mutex::default(),
-            source: *source,
+            kernels: *kernels,
             resolver: Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu },
             is_final: AtomicBool::new(false),
         });
@@ -178,7 +177,7 @@ impl GpuTracer {
 
     /// How the device makes exact hits; `None` if the host makes them of the device's candidates.
     pub fn exact_hits(&self) -> Option<String> {
-        self.shared.device().scene.exact_hits.as_ref().ok().map(Route::to_string)
+        self.shared.device().scene.exact_hits.as_ref().ok().map(|form| form.route.to_string())
     }
 
     /// Why the host makes hits of the device's candidates, if a probe refused the device's own.
@@ -223,7 +222,7 @@ impl Drop for GpuTracer {
     }
 }
 
-/// The rays, and the shadow rays, that a device left undecided, if it has made hits of its candidates.
+/// The rays, and the shadow rays, that a device left undecided, if it answers with hits.
 type Answered = (Option<Undecided>, Option<Undecided>);
 
 impl SceneDevice {

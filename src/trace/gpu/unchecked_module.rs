@@ -2,7 +2,8 @@
 //!
 //! Unsafe code. Invariants:
 //! 1. The source is this crate's own (`Kernel::source`); no text from outside reaches it. Tests change its arithmetic,
-//!    not its indices or loops.
+//!    not its indices or loops. The kernels of `exact`, which reach the driver another way, walk by the same functions;
+//!    they add to a list of undecided rays as far as it has room (`arrayLength`).
 //! 2. Every index is in range. A thread beyond `Params::count` returns at once, and the caller binds at least
 //!    `Params::count` rays and answers. References come from `flatten`, which makes them for nodes, pairs (as many as a
 //!    leaf's reference counts) and members that it stores; `pages` splits these over all pages that it declares. A slot

@@ -1,11 +1,15 @@
-//! Exact hits: kernels behind the traversal that run the canonical test where rounding could not judge, with the host's
-//! bits, so that the host reads hits instead of making them.
+//! Exact hits: a traversal that tests triangles canonically, with the host's bits, so that the host reads hits instead
+//! of making them.
 //!
-//! Their arithmetic is words (`shaders/operations.wgsl`), no driver may contract or reorder it (`crate::device`), and
-//! the fused multiply-add of the test is made by one of three routes. A device is not trusted: each module has entry
-//! points that compare the route and the whole test with the host's before the module is used (once a process: a driver
-//! compiles the same words alike). What the kernels leave
-//! undecided they list for the host; a sample of every dispatch is checked as ever.
+//! Its arithmetic is words (`shaders/operations.wgsl`), no driver may contract or reorder it (`crate::device`), and the
+//! fused multiply-add of the test is made by one of three routes. Where the device's own is fused and subnormal numbers
+//! stay what they are, triangles are rejected by the signs of exact edge functions. Elsewhere edge functions with
+//! margins reject them first, since emulated arithmetic is slow, and rays that come near subnormal numbers are left to
+//! the host. Boxes have their pads everywhere: one that is entered a little too early changes no answer.
+//!
+//! A device is not trusted: each module has entry points that compare the route and the whole test with the host's
+//! before the module is used (once a process: a driver compiles the same words alike). A sample of every dispatch is
+//! checked as ever.
 
 mod cases;
 mod probe;
@@ -14,21 +18,37 @@ mod route;
 mod tests;
 mod verdicts;
 
-use super::kernel::{LAYOUT, Shape};
-use super::{Fault, Gpu, layout};
-use crate::device::{FloatControls, OPERATIONS, float_controls, module, spirv};
-use crate::geom::{DIRECTION_RANGE, MAX_COORDINATE, MIN_COMPONENT, SLACK};
-use crate::stream::MISS;
+use super::kernel::{Arithmetic, Kernel, Shape, Sides, traversal};
+use super::{Fault, Gpu};
+use crate::device::{Checks, FloatControls, float_controls, module, spirv};
 pub(super) use route::Route;
-use std::fmt::Write as _;
+
+/// How kernels make exact hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Form {
+    pub route: Route,
+    /// How triangles are rejected.
+    pub sides: Sides,
+    /// Rays that come near subnormal numbers are left to the host.
+    pub flushes: bool,
+}
+
+impl Form {
+    /// The form for a device with these controls.
+    fn of(route: Route, controls: FloatControls) -> Self {
+        // A device may flush subnormal numbers unless it promises to keep them, and the probe sees whether it does.
+        let flushes = !controls.subnormals;
+        let sides = if route == Route::Fused && !flushes { Sides::Exact } else { Sides::WithinMargins };
+        Self { route, sides, flushes }
+    }
+}
 
 /// The kernels of one scene on one device, compared with the host.
 #[derive(Debug)]
 pub(super) struct ExactKernels {
-    pub route: Route,
+    pub form: Form,
     pub closest: wgpu::ComputePipeline,
-    /// `None` for scenes of members, where an answer has no room for a place.
-    pub any: Option<wgpu::ComputePipeline>,
+    pub any: wgpu::ComputePipeline,
 }
 
 /// Why hits are left to the host.
@@ -80,7 +100,7 @@ impl ExactKernels {
         let controls = Refusal::unless_possible(gpu)?;
         let mut reasons = Vec::new();
         for route in Route::ALL {
-            match Self::by_route(gpu, shape, layouts, (route, controls)) {
+            match Self::of_form(gpu, shape, layouts, (Form::of(route, controls), controls)) {
                 Ok(kernels) => {
                     log::debug!("{} makes hits by {route}", gpu.info().name);
                     return Ok(kernels);
@@ -91,13 +111,17 @@ impl ExactKernels {
         Err(Refusal::Inexact { adapter: gpu.info().name.clone(), reasons: reasons.join("; ") })
     }
 
-    fn by_route(
+    /// Kernels of this form.
+    ///
+    /// # Errors
+    /// When the device refuses them or has other bits than the host.
+    pub fn of_form(
         gpu: &Gpu,
         shape: &Shape,
         layouts: Layouts<'_>,
-        (route, controls): (Route, FloatControls),
+        (form, controls): (Form, FloatControls),
     ) -> Result<Self, String> {
-        let mut source = source(shape, route);
+        let mut source = source(shape, form);
         if gpu.fault() == Some(Fault::Inexact) {
             source = with_inexact_fma(&source);
         }
@@ -106,7 +130,7 @@ impl ExactKernels {
         if let Some(Err(reason)) = known {
             return Err(reason);
         }
-        let module = Module::new(gpu, &source, (route, controls))?;
+        let module = Module::new(gpu, &source, (form.route, controls))?;
         if known.is_none() {
             let found = module.check(gpu);
             if gpu.lost().is_none() {
@@ -114,15 +138,16 @@ impl ExactKernels {
             }
             found?;
         }
-        let kernel = |entry| {
+        let kernel = |kernel: Kernel| {
             gpu.attempt(|device, _| {
                 let groups = [Some(layouts.scene), Some(layouts.request)];
-                module.pipeline(device, entry, &groups)
+                module.pipeline(device, kernel.name(), &groups)
             })
             .and_then(|made| made)
         };
-        let any = if shape.members { None } else { Some(kernel("resolve_any")?) };
-        Ok(Self { route, closest: kernel("resolve_closest")?, any })
+        // Drivers compile each for itself.
+        let (closest, any) = rayon::join(|| kernel(Kernel::TraceClosest), || kernel(Kernel::TraceAny));
+        Ok(Self { form, closest: closest?, any: any? })
     }
 }
 
@@ -135,11 +160,12 @@ struct Probes {
     layout: wgpu::BindGroupLayout,
 }
 
-const ENTRIES: [&str; 4] = ["resolve_closest", "resolve_any", "probe_fma", "probe_pairs"];
+const ENTRIES: [&str; 4] = ["trace_closest", "trace_any", "probe_fma", "probe_pairs"];
 
 impl Module {
     fn new(gpu: &Gpu, source: &str, (route, controls): (Route, FloatControls)) -> Result<Self, String> {
-        let words = spirv(source, controls, route.fma())?;
+        // `unchecked_module` has the proofs.
+        let words = spirv(source, controls, route.fma(), Checks::Proven)?;
         let made = gpu.attempt(|device, _| module(device, "exact", &words, &ENTRIES));
         Ok(Self(made.and_then(|made| made)?))
     }
@@ -193,52 +219,19 @@ impl Module {
 }
 
 /// The module's WGSL.
-fn source(shape: &Shape, route: Route) -> String {
-    let pages = shape.pages.source();
-    let whole = "fn in_world(corners: Corners, number: u32) -> Corners {\n    return corners;\n}\n";
-    let member = if shape.members { include_str!("../../../../shaders/exact/member.wgsl") } else { whole };
-    [
-        &constants(shape),
-        OPERATIONS,
+fn source(shape: &Shape, Form { route, sides, flushes }: Form) -> String {
+    let case_words = format!("const CASE_WORDS: u32 = {}u;\n", cases::PAIR_WORDS);
+    let traversal = traversal(shape, Arithmetic { flushes, near_fma: route.fma(), sides });
+    let own = [
+        &case_words,
         route.source(),
         include_str!("../../../../shaders/exact/canonical.wgsl"),
-        LAYOUT,
-        &pages,
-        include_str!("../../../../shaders/exact/resolve.wgsl"),
-        member,
-        include_str!("../../../../shaders/exact/resolve_closest.wgsl"),
-        include_str!("../../../../shaders/exact/resolve_any.wgsl"),
+        include_str!("../../../../shaders/exact/trace.wgsl"),
+        include_str!("../../../../shaders/exact/trace_closest.wgsl"),
+        include_str!("../../../../shaders/exact/trace_any.wgsl"),
         include_str!("../../../../shaders/exact/probe.wgsl"),
-    ]
-    .join("\n")
-}
-
-/// Declarations of the constants that host and device share. Numbers are words.
-fn constants(shape: &Shape) -> String {
-    // Any device may flush subnormal numbers, and none has to say so.
-    let mut text = format!("const FLUSHES: bool = true;\nconst MEMBERS: bool = {};\n", shape.members);
-    let words = [
-        ("WORKGROUP_SIZE", layout::WORKGROUP_SIZE),
-        ("CASE_WORDS", cases::PAIR_WORDS as u32),
-        ("PRIMITIVE", layout::PRIMITIVE),
-        ("TURN_SHIFT", layout::TURN_SHIFT),
-        ("PLACE_MASKED", layout::PLACE_MASKED),
-        ("MISS", MISS),
-        ("OCCLUDED", layout::OCCLUDED),
-        ("UNDECIDED", layout::UNDECIDED),
-        ("MORE", layout::MORE),
-        ("MASKED_RAY", layout::MASKED_RAY),
-        ("LARGEST_FLOAT", f32::MAX.to_bits()),
-        ("MAX_COORDINATE", MAX_COORDINATE.to_bits()),
-        ("DIRECTION_MIN", DIRECTION_RANGE.start().to_bits()),
-        ("DIRECTION_MAX", DIRECTION_RANGE.end().to_bits()),
-        ("MIN_COMPONENT", MIN_COMPONENT.to_bits()),
-        ("SLACK", SLACK.to_bits()),
     ];
-    for (name, word) in words {
-        let _ = writeln!(text, "const {name}: u32 = {word}u;");
-    }
-    text
+    traversal + &own.join("\n")
 }
 
 /// The source with a fused multiply-add whose last bit is wrong in a quarter of the cases, as on a device that lies.

@@ -3,8 +3,9 @@
 use super::cases::CLASSES;
 use super::probe::{Comparison, compare_pairs, compare_triples};
 use super::route::Route;
-use super::{Module, Refusal, source};
-use crate::trace::gpu::kernel::Shape;
+use super::{Form, Module, Refusal, source};
+use crate::device::{Checks, FloatControls, spirv};
+use crate::trace::gpu::kernel::{Shape, Sides};
 use crate::trace::gpu::pages::{Pages, ScenePages};
 use crate::trace::gpu::{AdapterChoice, Gpu};
 
@@ -20,22 +21,38 @@ fn pairs() -> u32 {
     asked.map_or(120_000, |text| text.parse().expect("a number of pairs"))
 }
 
-const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, exact: true, counts: false };
+const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, counts: false };
+
+/// Forms by a route.
+fn forms(route: Route) -> impl Iterator<Item = Form> {
+    let sides = [Sides::WithinMargins, Sides::Exact].into_iter();
+    sides.flat_map(move |sides| [false, true].map(|flushes| Form { route, sides, flushes }))
+}
 
 #[test]
-fn kernels_are_valid_for_every_shape_and_route() {
-    let all = crate::device::FloatControls { rounding: true, subnormals: true, special: true };
+fn kernels_are_valid_for_every_shape_and_form() {
+    let all = FloatControls { rounding: true, subnormals: true, special: true };
     let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
     let paged = ScenePages { nodes: two, pairs: three, identities: two };
-    for route in Route::ALL {
+    for form in Route::ALL.into_iter().flat_map(forms) {
         for members in [false, true] {
             for pages in [ScenePages::ONE, paged] {
                 let shape = Shape { members, pages, ..SHAPE };
-                let words = crate::device::spirv(&source(&shape, route), all, route.fma());
-                assert!(words.unwrap_or_else(|error| panic!("{route}: {error}")).len() > 5000);
+                let words = spirv(&source(&shape, form), all, form.route.fma(), Checks::Proven);
+                assert!(words.unwrap_or_else(|error| panic!("{form:?}: {error}")).len() > 5000);
             }
         }
     }
+}
+
+#[test]
+fn only_a_fused_device_that_keeps_subnormal_numbers_rejects_triangles_without_margins() {
+    let none = FloatControls::default();
+    let keeps = FloatControls { subnormals: true, ..none };
+    let fused = Form { route: Route::Fused, sides: Sides::Exact, flushes: false };
+    assert_eq!(Form::of(Route::Fused, keeps), fused);
+    assert_eq!(Form::of(Route::Fused, none), Form { sides: Sides::WithinMargins, flushes: true, ..fused });
+    assert_eq!(Form::of(Route::Integers, keeps).sides, Sides::WithinMargins);
 }
 
 /// The emulated routes are right on every device; whether the fused one is depends on the device.
@@ -44,7 +61,8 @@ fn emulated_routes_have_the_hosts_bits() {
     let gpu = open();
     let controls = Refusal::unless_possible(&gpu).expect("Vulkan");
     for route in Route::ALL {
-        let module = Module::new(&gpu, &source(&SHAPE, route), (route, controls)).expect("a module");
+        let form = Form { route, sides: Sides::WithinMargins, flushes: true };
+        let module = Module::new(&gpu, &source(&SHAPE, form), (route, controls)).expect("a module");
         let probes = module.probes(&gpu).expect("a kernel");
         let triples = compare_triples(&gpu, &probes.fma, 0..100_000).expect("an answer");
         let kernel = module.pairs_probe(&gpu, &probes).expect("a kernel");

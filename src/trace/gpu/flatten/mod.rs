@@ -97,17 +97,18 @@ mod tests {
 
     /// A node's children, as kernels decode them.
     fn children(n: &WideNode) -> Vec<ChildBox> {
+        let shape = n.corner[3];
         let corner = |slot: usize, faces: [&[u8; 8]; 3]| {
             Vec3::from_array([0, 1, 2].map(|axis| {
-                let step = f32::from_bits((n.shape >> (8 * axis) & 255) << 23);
-                f32::from(faces[axis][slot]).mul_add(step, n.origin[axis])
+                let step = f32::from_bits((shape >> (8 * axis) & 255) << 23);
+                f32::from(faces[axis][slot]).mul_add(step, f32::from_bits(n.corner[axis]))
             }))
         };
         let bounds = |slot| Aabb {
-            min: corner(slot, [&n.lower_x, &n.lower_y, &n.lower_z]),
-            max: corner(slot, [&n.upper_x, &n.upper_y, &n.upper_z]),
+            min: corner(slot, [&n.x[0], &n.y[0], &n.z[0]]),
+            max: corner(slot, [&n.x[1], &n.y[1], &n.z[1]]),
         };
-        let used = (0..8).filter(|slot| n.shape >> (24 + slot) & 1 == 1);
+        let used = (0..8).filter(|slot| shape >> (24 + slot) & 1 == 1);
         used.map(|slot| (n.children[slot], bounds(slot))).collect()
     }
 
@@ -116,9 +117,9 @@ mod tests {
         let first = (reference & PAIR_INDEX) as usize;
         let count = (reference >> PAIRS_SHIFT & 7) as usize + 1;
         let both = (first..first + count).flat_map(|index| {
-            let Pair { a, d_x, b, d_y, c, d_z } = flat.pairs[index];
+            let [a, b, c, d] = flat.pairs[index].corners();
             let [one, other] = flat.identities[index];
-            [(one, [a, b, c]), (other, [c, b, [d_x, d_y, d_z]])]
+            [(one, [a, b, c]), (other, [c, b, d])]
         });
         let there = both.filter(|&(identity, _)| identity != MISS);
         let turned = there.map(|(identity, corners)| {

@@ -39,8 +39,7 @@ pub struct PackedPair {
 impl PackedPair {
     /// The box around all triangles.
     pub fn bounds(&self) -> Aabb {
-        let Pair { a, b, c, d_x, d_y, d_z } = self.pair;
-        Aabb::around([a, b, c, [d_x, d_y, d_z]].map(Vec3::from))
+        Aabb::around(self.pair.corners().map(Vec3::from))
     }
 
     /// Appends the records.
@@ -68,8 +67,8 @@ pub fn pack(triangles: &[Triangle]) -> Vec<PackedPair> {
             }
             None => (0, one.corners[2], MISS, false),
         };
-        let [a, b, c] = one.turned(turn).map(Into::into);
-        let pair = Pair { a, d_x: d.x, b, d_y: d.y, c, d_z: d.z };
+        let [a, b, c] = one.turned(turn);
+        let pair = Pair::new([a, b, c, d].map(Into::into));
         let identities = [one.identity(turn), second];
         out.push(PackedPair { pair, identities, is_masked: one.is_masked || masked });
     }

@@ -69,15 +69,12 @@ fn node(slots: [Option<ChildBox>; WIDTH]) -> WideNode {
         Axis::of(&face(|bounds| bounds.min), &face(|bounds| bounds.max), used)
     };
     let (x, y, z) = (axis(0), axis(1), axis(2));
+    let shape = x.exponent | y.exponent << 8 | z.exponent << 16 | used << 24;
     WideNode {
-        origin: [x.origin, y.origin, z.origin],
-        shape: x.exponent | y.exponent << 8 | z.exponent << 16 | used << 24,
-        lower_x: x.lower,
-        upper_x: x.upper,
-        lower_y: y.lower,
-        upper_y: y.upper,
-        lower_z: z.lower,
-        upper_z: z.upper,
+        corner: [x.origin.to_bits(), y.origin.to_bits(), z.origin.to_bits(), shape],
+        x: [x.lower, x.upper],
+        y: [y.lower, y.upper],
+        z: [z.lower, z.upper],
         // Slots that are not in use are never visited.
         children: slots.map(|slot| slot.map_or(LEAF, |(reference, _)| reference)),
     }

@@ -25,14 +25,6 @@ fn rounded(v: vec3<f32>) -> vec3<f32> {
     return bitcast<vec3<f32>>(bitcast<vec3<u32>>(v) ^ vec3<u32>(params.zero));
 }
 
-fn cross_fma(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
-    return fma(a.yzx, b.zxy, -(a.zxy * b.yzx));
-}
-
-fn dot_fma(a: vec3<f32>, b: vec3<f32>) -> f32 {
-    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
-}
-
 // sum(P |d|): the size of dot(cross(a, b), d) without cancellation.
 fn magnitude(a: vec3<f32>, b: vec3<f32>, d: vec3<f32>) -> f32 {
     let p = abs(a);
@@ -40,25 +32,45 @@ fn magnitude(a: vec3<f32>, b: vec3<f32>, d: vec3<f32>) -> f32 {
     return dot(p.yzx * q.zxy + p.zxy * q.yzx, abs(d));
 }
 
-// The edge function of an edge, with corners relative to the ray's origin. With the two corners exchanged it has the
-// same value and the opposite sign, since every intermediate is negated exactly.
-fn side_of(ray: PreparedRay, from_corner: vec3<f32>, to_corner: vec3<f32>) -> f32 {
-    return dot_fma(cross_fma(to_corner - from_corner, to_corner + from_corner), ray.direction);
+fn largest(v: vec3<f32>) -> f32 {
+    return max(max(v.x, v.y), v.z);
 }
 
-// A coarse test: whether the edge functions allow that a triangle is hit. Most triangles are far outside. With a, b and
-// c relative to the ray's origin, no P exceeds 2 * edge * sum <= 4 * edge * reach. Rotating the corners changes
-// nothing.
-fn may_be_hit(ray: PreparedRay, sides: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> bool {
-    let reach = largest(max(max(abs(a), abs(b)), abs(c)));
-    let longest = largest(max(max(abs(c - a), abs(a - b)), abs(b - c)));
-    let coarse = fma(longest * reach, ray.margin, ray.tiny * (reach + 1.0));
-    return smallest(sides) >= -coarse || largest(sides) <= coarse;
+fn smallest(v: vec3<f32>) -> f32 {
+    return min(min(v.x, v.y), v.z);
 }
 
-// Judges a triangle whose corners are in the canonical order.
+// Where a ray enters and leaves a box.
+struct Interval {
+    enter: f32,
+    leave: f32,
+}
+
+// An interval that contains the canonical one of the box.
+fn outer(ray: PreparedRay, lower: vec3<f32>, upper: vec3<f32>) -> Interval {
+    let first = select(upper, lower, ray.forward);
+    let last = select(lower, upper, ray.forward);
+    return Interval(
+        largest(near_fma3(first, ray.inverse, ray.near)),
+        smallest(near_fma3(last, ray.inverse, ray.far)),
+    );
+}
+
+// An interval within the canonical one of the box.
+fn inner(ray: PreparedRay, lower: vec3<f32>, upper: vec3<f32>) -> Interval {
+    let first = select(upper, lower, ray.forward);
+    let last = select(lower, upper, ray.forward);
+    let shift = -(ray.origin * ray.inverse);
+    return Interval(
+        largest(near_fma3(first, ray.inverse, shift)),
+        smallest(near_fma3(last, ray.inverse, shift)),
+    );
+}
+
+// Judges a triangle whose corners are in the world and in the canonical order.
 fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_masked: bool) -> Verdict {
     let d = ray.direction;
+    let sum = abs(d.x) + abs(d.y) + abs(d.z);
     let a = rounded(v0 - ray.origin);
     let b = rounded(v1 - ray.origin);
     let c = rounded(v2 - ray.origin);
@@ -69,12 +81,12 @@ fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_maske
     let s1 = a + b;
     let s2 = b + c;
     let edges = vec3<f32>(
-        dot_fma(cross_fma(e0, s0), d),
-        dot_fma(cross_fma(e1, s1), d),
-        dot_fma(cross_fma(e2, s2), d),
+        near_dot(near_cross(e0, s0), d),
+        near_dot(near_cross(e1, s1), d),
+        near_dot(near_cross(e2, s2), d),
     );
     let reach = largest(max(max(abs(a), abs(b)), abs(c)));
-    let tiny = ray.tiny * (reach + 1.0);
+    let tiny = TINY * (sum + 1.0) * (reach + 1.0);
     let margins = MARGIN * vec3<f32>(magnitude(e0, s0, d), magnitude(e1, s1, d), magnitude(e2, s2, d))
         + vec3<f32>(tiny);
     let least = edges - margins;
@@ -98,16 +110,16 @@ fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_maske
     var high = wide.leave;
     // Chooses as the canonical test does, to the bit: nothing is rounded here.
     let e = select(e2, e0, largest(abs(e0)) <= largest(abs(e2)));
-    let normal = cross_fma(e1, e);
-    let facing = dot_fma(normal, d);
-    let facing_margin = fma(MARGIN, magnitude(e1, e, d), tiny);
+    let normal = near_cross(e1, e);
+    let facing = near_dot(normal, d);
+    let facing_margin = near_fma(MARGIN, magnitude(e1, e, d), tiny);
     if abs(facing) > 2.0 * facing_margin {
-        let t = dot_fma(normal, a) / facing;
-        let margin = fma(MARGIN, magnitude(e1, e, a), 3.0 * TINY * (reach + 1.0) * (reach + 1.0));
+        let t = near_dot(normal, a) / facing;
+        let margin = near_fma(MARGIN, magnitude(e1, e, a), 3.0 * TINY * (reach + 1.0) * (reach + 1.0));
         // The first term bounds the errors of numerator and denominator, the second the rounding of the quotient
         // (2.5 ulp) and of the two sums below.
-        let error = 1.01 * fma(abs(t), facing_margin, margin) / (abs(facing) - facing_margin)
-            + fma(abs(t), T_ROUNDING, TINY);
+        let error = 1.01 * near_fma(abs(t), facing_margin, margin) / (abs(facing) - facing_margin)
+            + near_fma(abs(t), T_ROUNDING, TINY);
         low = min(max(t - error, wide.enter), narrow.leave);
         high = min(max(t + error, narrow.enter), wide.leave);
     } else {
@@ -119,4 +131,13 @@ fn judge(ray: PreparedRay, v0: vec3<f32>, v1: vec3<f32>, v2: vec3<f32>, is_maske
     // The alpha of a masked triangle decides whether it is hit, on the host.
     certain = certain && low >= ray.t_min && high <= ray.t_max && !is_masked;
     return Verdict(select(UNCERTAIN, CERTAIN, certain), low, high);
+}
+
+// Judges a triangle of a member.
+fn verdict_of(ray: PreparedRay, triangle: Triangle, member: TreeInstance) -> Verdict {
+    if !MEMBERS {
+        return judge(ray, triangle.v0, triangle.v1, triangle.v2, triangle.is_masked);
+    }
+    let v0 = moved(member, triangle.v0);
+    return judge(ray, v0, moved(member, triangle.v1), moved(member, triangle.v2), triangle.is_masked);
 }
