@@ -147,11 +147,9 @@ impl Coordinator for Together {
         let mut results = self.results.lock().expect("no panic");
         *results += 1;
         self.more.notify_all();
-        let (_, waited) = self
-            .more
-            .wait_timeout_while(results, 50 * PATIENCE, |results| *results < TOGETHER)
-            .expect("no panic");
-        Answer::Result(if waited.timed_out() { ResultReply::Later } else { ResultReply::Kept })
+        let is_alone = |results: &mut usize| *results < TOGETHER;
+        let waited = self.more.wait_timeout_while(results, 50 * PATIENCE, is_alone).expect("no panic");
+        Answer::Result(if waited.1.timed_out() { ResultReply::Later } else { ResultReply::Kept })
     }
 
     fn expects(&self, _: &str, _: &FinishedUnit, _: u64) -> bool {

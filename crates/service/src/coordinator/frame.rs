@@ -420,17 +420,17 @@ fn write(
 mod tests {
     use super::*;
     use crate::backend::{FrameId, LoadedScenes, RenderBackend, SharedUnits};
-    use crate::contract::Held;
+    use crate::contract::{Held, UnitWatch};
     use crate::coordinator::ledger::tests::new;
     use raystream::engine::Units;
     use raystream::picture::Registry;
     use raystream::render::Pass;
-    use raystream::schedule::{Service, ServiceOptions};
+    use raystream::schedule::{Priority, Service, ServiceOptions};
     use std::sync::Arc;
     use std::sync::mpsc::channel;
 
     /// Long enough for any machine; nothing waits for it where all is well.
-    const PATIENCE: Duration = Duration::from_secs(60);
+    const PATIENCE: Duration = Duration::from_secs(20);
 
     const SCENE: &str = r#"{
         "environment": [1, 1, 1],
