@@ -5,6 +5,7 @@ use super::machine::Slot;
 use super::planner::Task;
 use super::simulator::{Begun, Event, Simulator};
 use raystream_service::coordinator::decisions::{self, Asked, Holding, MOST_ATTEMPTS, MOST_FILES, Taking};
+use std::fmt::Write as _;
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -58,10 +59,11 @@ impl Simulator<'_> {
         }
     }
 
+    #[inline]
     fn attend(&mut self, question: Question) {
         let unit = self.flights[question.unit() as usize];
         let parts = self.parts_of(question.unit());
-        let frame = self.jobs[unit.job as usize].frames.get_mut(&unit.frame);
+        let frame = self.jobs[unit.job as usize].frames.get_mut(unit.frame);
         match (question, frame) {
             (Question::Result(..), Some(frame)) if unit.compared.is_none() => {
                 if let Some(question) = frame.lock.come(question) {
@@ -76,10 +78,11 @@ impl Simulator<'_> {
     }
 
     /// Keeps the sums of a unit, whose frame no other thread changes now.
+    #[inline]
     fn keep(&mut self, question: Question) {
         let (unit, now) = (question.unit(), self.clock.now());
         let flight = self.flights[unit as usize];
-        if let Some(frame) = self.jobs[flight.job as usize].frames.get_mut(&flight.frame) {
+        if let Some(frame) = self.jobs[flight.job as usize].frames.get_mut(flight.frame) {
             frame.locked = now;
         }
         let parts = self.parts_of(unit) * self.costs.question_s;
@@ -159,11 +162,12 @@ impl Simulator<'_> {
         flight.is_done = true;
         self.outstanding -= 1;
         let (job, frame) = (flight.job, flight.frame);
-        if let Some(frame) = self.jobs[job as usize].frames.get_mut(&frame) {
+        if let Some(frame) = self.jobs[job as usize].frames.get_mut(frame) {
             frame.compared -= 1;
         }
     }
 
+    #[inline]
     pub fn commit(&mut self, commit: Commit) {
         if let Some(commit) = self.ledger.come(commit) {
             self.clock.after(self.costs.commit_s, Event::Committed(commit));
@@ -197,7 +201,7 @@ impl Simulator<'_> {
         run.speed.add(flight.samples, seconds(taken));
         run.kept += flight.samples as f64;
         let all = (run.pixels_of_block * run.pass.blocks().len() as f64 * self.costs.pixel_bytes) as u64;
-        let Some(frame) = run.frames.get_mut(&flight.frame) else { return };
+        let Some(frame) = run.frames.get_mut(flight.frame) else { return };
         frame.units.keep(flight.number);
         frame.samples_left -= flight.samples;
         frame.files += 1;
@@ -223,9 +227,11 @@ impl Simulator<'_> {
         if self.farm.compared <= 0.0 || self.slots <= self.costs.slots as usize {
             return;
         }
-        let name = format!("{}.{}.{}", run.seq, flight.frame, flight.number);
-        let drawn = xxh3_64(name.as_bytes()) as f64 / u64::MAX as f64;
-        if let Some(frame) = run.frames.get_mut(&flight.frame)
+        self.name.clear();
+        // A string takes all that is written to it.
+        let _ = write!(self.name, "{}.{}.{}", run.seq, flight.frame, flight.number);
+        let drawn = xxh3_64(self.name.as_bytes()) as f64 / u64::MAX as f64;
+        if let Some(frame) = run.frames.get_mut(flight.frame)
             && decisions::is_compared(drawn, self.farm.compared, decisions::FIRST_COMPARED)
         {
             frame.compared += 1;
@@ -244,11 +250,12 @@ impl Simulator<'_> {
     }
 
     /// The frame of a result is free for the next one, and the worker is answered.
+    #[inline]
     fn release(&mut self, question: Question) {
         let Question::Result(unit, slot, _) = question else { return };
         let (flight, now) = (self.flights[unit as usize], self.clock.now());
         let mut next = None;
-        if let Some(frame) = self.jobs[flight.job as usize].frames.get_mut(&flight.frame) {
+        if let Some(frame) = self.jobs[flight.job as usize].frames.get_mut(flight.frame) {
             self.counts.lock_s += seconds(now - frame.locked);
             next = frame.lock.go();
         }
@@ -261,6 +268,7 @@ impl Simulator<'_> {
         self.wake();
     }
 
+    #[inline]
     fn answer_next(&mut self) {
         if let Some(next) = self.answering.go() {
             self.attend(next);

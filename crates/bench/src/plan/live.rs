@@ -20,19 +20,34 @@ const FIRST_FRAMES: u64 = 60;
 #[derive(Clone, Copy, Debug)]
 enum Event {
     /// Something in a thread of the coordinator ends.
-    Threads(u32),
+    Threads,
     /// A tile's request reaches its machine.
     Asked(Tile),
     /// A tile on a machine is rendered.
-    Machine(u32, u32),
+    Machine(u32),
     /// A tile has come over the link.
-    Incoming(u32),
+    Incoming,
     /// A tile reaches the coordinator.
     Came(Tile),
     /// A machine's word reaches the coordinator that it gives a tile up.
     GivenUp(u32),
     /// The time of a frame is over.
     Deadline(u64),
+}
+
+/// The places of [`Clock`]: the threads of the coordinator, the link to it, then the machines.
+const THREADS: u32 = 0;
+const INCOMING: u32 = 1;
+const MACHINES: u32 = 2;
+
+impl Event {
+    fn of_place(place: u32) -> Self {
+        match place {
+            THREADS => Self::Threads,
+            INCOMING => Self::Incoming,
+            _ => Self::Machine(place - MACHINES),
+        }
+    }
 }
 
 /// Rows of a frame on a machine.
@@ -167,7 +182,7 @@ impl<'a> View<'a> {
         Self {
             costs,
             job,
-            clock: Clock::default(),
+            clock: Clock::new(Event::of_place),
             threads: Shared::new(threads, 1_f64.min(threads)),
             duties: VecDeque::new(),
             is_on_duty: false,
@@ -242,28 +257,22 @@ impl<'a> View<'a> {
     }
 
     fn expect_threads(&mut self) {
-        if let Some((at, version)) = self.threads.due() {
-            self.clock.at(at, Event::Threads(version));
-        }
+        self.clock.expect(THREADS, self.threads.due());
     }
 
     fn expect_machine(&mut self, machine: u32) {
-        if let Some((at, version)) = self.machines[machine as usize].due() {
-            self.clock.at(at, Event::Machine(machine, version));
-        }
+        self.clock.expect(MACHINES + machine, self.machines[machine as usize].due());
     }
 
     fn expect_incoming(&mut self) {
-        if let Some((at, version)) = self.incoming.due() {
-            self.clock.at(at, Event::Incoming(version));
-        }
+        self.clock.expect(INCOMING, self.incoming.due());
     }
 
     fn happens(&mut self, event: Event) {
         let (now, half) = (self.clock.now(), 0.5 * self.costs.round_trip_s);
         match event {
-            Event::Threads(version) => {
-                let Some(work) = self.threads.end(now, version) else { return };
+            Event::Threads => {
+                let Some(work) = self.threads.end(now) else { return };
                 self.expect_threads();
                 match work {
                     Work::Duty(duty) => self.did(duty, half),
@@ -280,16 +289,16 @@ impl<'a> View<'a> {
                 self.tile_s += work;
                 self.expect_machine(tile.machine);
             }
-            Event::Machine(machine, version) => {
-                let Some(tile) = self.machines[machine as usize].end(now, version) else { return };
+            Event::Machine(machine) => {
+                let Some(tile) = self.machines[machine as usize].end(now) else { return };
                 self.expect_machine(machine);
                 let bytes = tile.pixels() * self.job.pixel_bytes;
                 self.bytes += bytes;
                 self.incoming.add(now, bytes, tile);
                 self.expect_incoming();
             }
-            Event::Incoming(version) => {
-                let Some(tile) = self.incoming.end(now, version) else { return };
+            Event::Incoming => {
+                let Some(tile) = self.incoming.end(now) else { return };
                 self.expect_incoming();
                 self.clock.after(half, Event::Came(tile));
             }
@@ -400,7 +409,9 @@ impl<'a> View<'a> {
             Late::Rests => member.rests_until = now + REST.as_nanos() as Time,
         }
         self.late += 1;
-        for _ in 0..self.machines[machine as usize].clear(now) {
+        let tiles = self.machines[machine as usize].clear(now);
+        self.expect_machine(machine);
+        for _ in 0..tiles {
             self.clock.after(0.5 * self.costs.round_trip_s, Event::GivenUp(machine));
         }
     }

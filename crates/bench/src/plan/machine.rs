@@ -71,17 +71,20 @@ impl Machine {
     }
 
     /// True if it has joined and has not failed.
+    #[inline]
     pub fn is_there(&self) -> bool {
         self.is_there
     }
 }
 
 impl Simulator<'_> {
+    #[inline]
     fn slot(&self, machine: u32) -> Slot {
         Slot { machine, life: self.machines[machine as usize].life }
     }
 
     /// True if a machine still has the life of a slot.
+    #[inline]
     pub fn is_there(&self, slot: Slot) -> bool {
         let machine = &self.machines[slot.machine as usize];
         machine.is_there && machine.life == slot.life
@@ -112,6 +115,7 @@ impl Simulator<'_> {
     }
 
     /// A slot asks for a unit.
+    #[inline]
     fn ask(&mut self, slot: Slot) {
         self.clock.after(0.5 * self.costs.round_trip_s, Event::Asks(slot));
     }
@@ -166,19 +170,24 @@ impl Simulator<'_> {
     fn next_for(&mut self, slot: Slot) -> Option<u32> {
         let jobs = 0..self.jobs.len() as u32;
         let late: Vec<u32> = jobs.filter(|job| self.is_late(slot.machine, *job)).collect();
+        if late.len() == self.jobs.len() && self.for_all == 0 {
+            return None;
+        }
         let flights = &self.flights;
         let may = |unit: &u32| {
             let flight = &flights[*unit as usize];
-            let is_plain = flight.compared.is_none() && flight.losses == 0;
-            !is_plain || !late.contains(&flight.job)
+            flight.is_for_all() || !late.contains(&flight.job)
         };
-        self.lanes.iter_mut().find_map(|lane| {
+        let unit = self.lanes.iter_mut().find_map(|lane| {
             let place = lane.iter().position(may)?;
             lane.remove(place)
-        })
+        })?;
+        self.for_all -= usize::from(self.flights[unit as usize].is_for_all());
+        Some(unit)
     }
 
     /// True if a machine lacks the scene of a job, and would have it too late.
+    #[inline]
     fn is_late(&self, machine: u32, job: u32) -> bool {
         let scene = self.machines[machine as usize].scenes[job as usize];
         if scene != Scene::Absent {
@@ -255,16 +264,15 @@ impl Simulator<'_> {
     }
 
     /// Something on a machine ends.
-    pub fn machine_ends(&mut self, machine: u32, version: u32) {
+    pub fn machine_ends(&mut self, machine: u32) {
         let now = self.clock.now();
         let slot = self.slot(machine);
         let own = &mut self.machines[machine as usize];
-        let Some(task) = own.processor.end(now, version) else { return };
-        if let Some((at, version)) = own.processor.due() {
-            self.clock.at(at, Event::Machine(machine, version));
-        }
+        let Some(task) = own.processor.end(now) else { return };
+        self.expect_machine(machine);
         match task {
             Task::Read(job) => {
+                let own = &mut self.machines[machine as usize];
                 own.scenes[job as usize] = Scene::Ready;
                 let having = &mut self.jobs[job as usize].having;
                 (having.fetching, having.has) = (having.fetching - 1, having.has + 1);
@@ -288,12 +296,14 @@ impl Simulator<'_> {
     }
 
     /// The sums of a unit have come, but for the pauses between their parts.
+    #[inline]
     pub fn sent(&mut self, question: Question) {
         let trips = self.parts_of(question.unit()) - 0.5;
         self.clock.after(trips * self.costs.round_trip_s, Event::Arrives(question));
     }
 
     /// Messages that the sums of a unit come in.
+    #[inline]
     pub fn parts_of(&self, unit: u32) -> f64 {
         (self.bytes_of(unit) / PART_BYTES as f64).ceil().max(1.0)
     }
@@ -308,8 +318,9 @@ impl Simulator<'_> {
     }
 
     pub fn redelivered(&mut self, unit: u32) {
-        let lane = usize::from(!self.flights[unit as usize].is_urgent);
-        self.lanes[lane].push_front(unit);
+        let flight = &self.flights[unit as usize];
+        self.for_all += usize::from(flight.is_for_all());
+        self.lanes[usize::from(!flight.is_urgent)].push_front(unit);
         self.deliver();
     }
 
@@ -339,6 +350,7 @@ impl Simulator<'_> {
                 }
             };
         }
+        self.expect_machine(slot.machine);
         self.slots -= self.costs.slots as usize;
         let beat = time(self.costs.lease_s / f64::from(BEATS)).max(1);
         for unit in std::mem::take(&mut self.machines[slot.machine as usize].units) {

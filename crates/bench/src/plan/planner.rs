@@ -4,6 +4,7 @@ use super::clock::{Time, seconds};
 use super::coordinator::{Commit, Question, Work};
 use super::shared::Turns;
 use super::simulator::{Event, Flight, Run, Simulator};
+use raystream::schedule::Priority;
 use raystream_service::coordinator::decisions::{self, BLOCK_PIXELS, PLANNER_PAUSE, PassUnits, Sizes};
 
 /// What the coordinator does for a job besides units.
@@ -17,6 +18,9 @@ pub(super) enum Task {
 /// A frame that is worked on.
 #[derive(Debug)]
 pub(super) struct OpenFrame {
+    pub number: u32,
+    /// True if nothing of it is left to be cut into units.
+    is_cut: bool,
     pub units: PassUnits,
     pub samples_left: u64,
     /// Second renderings that have not come back.
@@ -31,6 +35,35 @@ pub(super) struct OpenFrame {
     /// Since when the frame is locked, and since when it is open.
     pub locked: Time,
     opened: Time,
+}
+
+/// The frames of a job that are worked on, in the order of their numbers: at most [`decisions::OPEN_FRAMES`].
+#[derive(Debug, Default)]
+pub(super) struct OpenFrames(Vec<OpenFrame>);
+
+impl OpenFrames {
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    #[inline]
+    fn place(&self, number: u32) -> Result<usize, usize> {
+        self.0.binary_search_by_key(&number, |frame| frame.number)
+    }
+
+    #[inline]
+    pub fn get_mut(&mut self, number: u32) -> Option<&mut OpenFrame> {
+        self.place(number).ok().map(|place| &mut self.0[place])
+    }
+
+    fn insert(&mut self, frame: OpenFrame) {
+        let (Ok(place) | Err(place)) = self.place(frame.number);
+        self.0.insert(place, frame);
+    }
+
+    fn remove(&mut self, number: u32) -> Option<OpenFrame> {
+        self.place(number).ok().map(|place| self.0.remove(place))
+    }
 }
 
 /// The planner.
@@ -94,10 +127,10 @@ impl Simulator<'_> {
         let is_ready =
             |frame: &OpenFrame| frame.samples_left == 0 && frame.compared == 0 && !frame.is_finishing;
         let complete: Vec<u32> =
-            run.frames.iter().filter(|(_, frame)| is_ready(frame)).map(|(number, _)| *number).collect();
+            run.frames.0.iter().filter(|frame| is_ready(frame)).map(|frame| frame.number).collect();
         let open = run.frames.len();
         for number in complete {
-            if let Some(frame) = self.jobs[job as usize].frames.get_mut(&number) {
+            if let Some(frame) = self.jobs[job as usize].frames.get_mut(number) {
                 frame.is_finishing = true;
             }
             self.give(Task::Finish(job, number));
@@ -142,6 +175,8 @@ impl Simulator<'_> {
                 run.opening.retain(|other| *other != number);
                 let samples = BLOCK_PIXELS as u64 * run.pass.blocks().len() as u64 * u64::from(run.job.spp);
                 let frame = OpenFrame {
+                    number,
+                    is_cut: false,
                     units: PassUnits::new(0, run.pass.clone()),
                     samples_left: samples,
                     compared: 0,
@@ -153,11 +188,11 @@ impl Simulator<'_> {
                     locked: now,
                     opened: now,
                 };
-                run.frames.insert(number, frame);
+                run.frames.insert(frame);
             }
             Task::Finish(job, number) => {
                 let run = &mut self.jobs[job as usize];
-                if let Some(frame) = run.frames.remove(&number) {
+                if let Some(frame) = run.frames.remove(number) {
                     self.counts.open_s += seconds(now - frame.opened);
                 }
                 run.finished += 1;
@@ -178,12 +213,13 @@ impl Simulator<'_> {
         let open = self.jobs.iter().map(|run| run.frames.len()).sum();
         let more = self.jobs.iter().any(|run| run.next_frame < run.job.frames);
         let sizes = Sizes { at_once: decisions::at_once(self.standby.slots, open, more), ..Sizes::default() };
+        let mut runs: Vec<&mut Run> = self.jobs.iter_mut().filter(|run| run.frames.len() > 0).collect();
         let mut is_new = false;
         while self.outstanding < wanted {
             let unit = match self.comparisons.pop_front() {
                 Some(unit) => unit,
                 None => {
-                    let Some((flight, is_cut)) = self.next_unit(sizes) else { break };
+                    let Some((flight, is_cut)) = next_unit(&mut runs, sizes) else { break };
                     is_new |= is_cut;
                     self.flights.push(flight);
                     self.flights.len() as u32 - 1
@@ -194,36 +230,6 @@ impl Simulator<'_> {
         }
         self.planner.is_short = self.outstanding < wanted;
         is_new
-    }
-
-    fn next_unit(&mut self, sizes: Sizes) -> Option<(Flight, bool)> {
-        let mut runs: Vec<&mut Run> = self.jobs.iter_mut().filter(|run| !run.frames.is_empty()).collect();
-        let (mut flight, is_cut) = decisions::next(&mut runs, |run| {
-            let (job, speed) = (run.seq as u32, run.speed);
-            run.frames.iter_mut().find_map(|(number, frame)| {
-                let (row, is_cut) = frame.units.take(*number, sizes, speed)?;
-                let samples = row.samples();
-                let flight = Flight {
-                    job,
-                    frame: *number,
-                    number: row.number,
-                    blocks: row.blocks,
-                    samples,
-                    is_urgent: false,
-                    compared: None,
-                    deliveries: 0,
-                    holder: None,
-                    losses: 0,
-                    is_done: false,
-                    leased: 0,
-                    began: 0,
-                    rendering: 0,
-                };
-                Some(((flight, is_cut), samples))
-            })
-        })?;
-        flight.is_urgent = self.is_urgent(flight.job);
-        Some((flight, is_cut))
     }
 
     /// Offers the chosen units, one after another.
@@ -237,8 +243,9 @@ impl Simulator<'_> {
 
     /// Workers may have a unit.
     pub fn offered(&mut self, unit: u32) {
-        let is_urgent = self.flights[unit as usize].is_urgent;
-        self.lanes[usize::from(!is_urgent)].push_back(unit);
+        let flight = &self.flights[unit as usize];
+        self.for_all += usize::from(flight.is_for_all());
+        self.lanes[usize::from(!flight.is_urgent)].push_back(unit);
         self.deliver();
     }
 
@@ -252,4 +259,35 @@ impl Simulator<'_> {
             self.clock.after(PLANNER_PAUSE.as_secs_f64(), Event::Tick(self.planner.looks));
         }
     }
+}
+
+/// Cuts the next unit, or takes one that has been cut, which the flag tells.
+fn next_unit(runs: &mut [&mut Run], sizes: Sizes) -> Option<(Flight, bool)> {
+    decisions::next(runs, |run| {
+        let (job, speed) = (run.seq as u32, run.speed);
+        let is_urgent = run.job.priority == Priority::Interactive;
+        run.frames.0.iter_mut().filter(|frame| !frame.is_cut).find_map(|frame| {
+            let taken = frame.units.take(frame.number, sizes, speed);
+            frame.is_cut = taken.is_none();
+            let (row, is_cut) = taken?;
+            let samples = row.samples();
+            let flight = Flight {
+                job,
+                frame: frame.number,
+                number: row.number,
+                blocks: row.blocks,
+                samples,
+                is_urgent,
+                compared: None,
+                deliveries: 0,
+                holder: None,
+                losses: 0,
+                is_done: false,
+                leased: 0,
+                began: 0,
+                rendering: 0,
+            };
+            Some(((flight, is_cut), samples))
+        })
+    })
 }

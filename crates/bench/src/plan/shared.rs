@@ -20,8 +20,6 @@ pub struct Shared<T> {
     users: BinaryHeap<Reverse<User<T>>>,
     /// What it has done in all.
     done: f64,
-    /// Counts changes, so that what was expected before one is known as old.
-    version: u32,
 }
 
 #[derive(Debug)]
@@ -57,15 +55,14 @@ impl<T> Ord for User<T> {
 impl<T> Shared<T> {
     /// A capacity a second. One user gets at most `most_each` of it.
     pub fn new(capacity: f64, most_each: f64) -> Self {
-        let (each, at, entered, users, done, version) = (0.0, 0, 0, BinaryHeap::new(), 0.0, 0);
-        Self { capacity, most_each, each, at, entered, users, done, version }
+        let (each, at, entered, users, done) = (0.0, 0, 0, BinaryHeap::new(), 0.0);
+        Self { capacity, most_each, each, at, entered, users, done }
     }
 
     /// Changes what it does in a second, and the most that one user gets.
     pub fn set_capacity(&mut self, now: Time, capacity: f64, most_each: f64) {
         self.advance(now);
         (self.capacity, self.most_each) = (capacity, most_each);
-        self.version += 1;
     }
 
     /// What each user gets in a second now.
@@ -93,33 +90,27 @@ impl<T> Shared<T> {
             self.each = 0.0;
         }
         self.entered += 1;
-        self.version += 1;
         self.users.push(Reverse(User { end: self.each + needed, seq: self.entered, token }));
     }
 
-    /// The time at which the next user ends if nothing changes, and the version for which this holds.
+    /// The time at which the next user ends if nothing changes.
     #[inline]
-    pub fn due(&self) -> Option<(Time, u32)> {
+    pub fn due(&self) -> Option<Time> {
         let Reverse(first) = self.users.peek()?;
         let left = (first.end - self.each).max(0.0);
-        Some((self.at + time(left / self.rate()), self.version))
+        Some(self.at + time(left / self.rate()))
     }
 
-    /// A user that has ended by now, if nothing has changed since a version.
+    /// Lets the next user go, which ends now.
     #[inline]
-    pub fn end(&mut self, now: Time, version: u32) -> Option<T> {
-        if version != self.version {
-            return None;
-        }
+    pub fn end(&mut self, now: Time) -> Option<T> {
         self.advance(now);
-        self.version += 1;
         self.users.pop().map(|Reverse(user)| user.token)
     }
 
     /// Lets all users go, and tells how many there were.
     pub fn clear(&mut self, now: Time) -> usize {
         self.advance(now);
-        self.version += 1;
         let users = self.users.len();
         self.users.clear();
         users
@@ -188,8 +179,8 @@ mod tests {
         loop {
             let next = coming.front().map(|(_, (at, _))| time(*at));
             match (shared.due(), next) {
-                (Some((due, version)), next) if next.is_none_or(|next| due <= next) => {
-                    if let Some(user) = shared.end(due, version) {
+                (Some(due), next) if next.is_none_or(|next| due <= next) => {
+                    if let Some(user) = shared.end(due) {
                         ends[user] = seconds(due);
                     }
                 }

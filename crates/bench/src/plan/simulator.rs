@@ -4,15 +4,14 @@ use super::clock::{Clock, Time, seconds, time};
 use super::coordinator::{Commit, Question, Work};
 use super::costs::{Costs, Farm, FramesJob};
 use super::machine::{Machine, Slot, Task as MachineTask};
-use super::planner::{OpenFrame, Planner, Task};
+use super::planner::{OpenFrames, Planner, Task};
 use super::prediction::{Load, Prediction};
 use super::shared::{Shared, Turns};
 use super::standby::Standby;
 use raystream::render::{Blocks, Pass};
-use raystream::schedule::Priority;
 use raystream_service::contract::ANSWERED_TOGETHER;
 use raystream_service::coordinator::decisions::{BLOCK_PIXELS, Candidate, Share, Speed, TASK_THREADS};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 /// A farm on which no unit ends for so many seconds does nothing.
 const HOPELESS_S: f64 = 3600.0;
@@ -47,15 +46,32 @@ pub(super) enum Event {
     /// A unit may be leased again.
     Redelivered(u32),
     /// Something on a machine ends.
-    Machine(u32, u32),
+    Machine(u32),
     /// A transfer to the coordinator ends.
-    Incoming(u32),
+    Incoming,
     /// A transfer from the coordinator ends.
-    Outgoing(u32),
+    Outgoing,
     /// Something in a thread of the coordinator ends.
-    Threads(u32),
+    Threads,
     /// A transaction ends.
     Committed(Commit),
+}
+
+/// The places of [`Clock`]: the links and the threads of the coordinator, then the machines.
+const INCOMING: u32 = 0;
+const OUTGOING: u32 = 1;
+const THREADS: u32 = 2;
+const MACHINES: u32 = 3;
+
+impl Event {
+    fn of_place(place: u32) -> Self {
+        match place {
+            INCOMING => Self::Incoming,
+            OUTGOING => Self::Outgoing,
+            THREADS => Self::Threads,
+            _ => Self::Machine(place - MACHINES),
+        }
+    }
 }
 
 /// Whether a slot renders a unit.
@@ -89,6 +105,13 @@ pub(super) struct Flight {
     pub rendering: Time,
 }
 
+impl Flight {
+    /// True if a machine may have it which would have its scene too late: one of those that have it is not enough.
+    pub fn is_for_all(&self) -> bool {
+        self.compared.is_some() || self.losses > 0
+    }
+}
+
 /// Machines and the scene of a job.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Having {
@@ -117,7 +140,7 @@ pub(super) struct Run {
     pub is_planning: bool,
     pub next_frame: u32,
     pub opening: Vec<u32>,
-    pub frames: BTreeMap<u32, OpenFrame>,
+    pub frames: OpenFrames,
     pub finished: u32,
     pub ended: Option<Time>,
 }
@@ -172,8 +195,12 @@ pub(super) struct Simulator<'a> {
     pub flights: Vec<Flight>,
     pub outstanding: usize,
     pub comparisons: VecDeque<u32>,
+    /// The name of the unit for which a number is drawn: memory that is used again.
+    pub name: String,
     /// Units that workers may have: urgent ones, others.
     pub lanes: [VecDeque<u32>; 2],
+    /// Units among them that a machine may have which would have their scenes too late.
+    pub for_all: usize,
     /// Slots that wait for a unit.
     pub waiting: VecDeque<Slot>,
     pub incoming: Shared<Question>,
@@ -211,14 +238,14 @@ impl<'a> Simulator<'a> {
             is_planning: false,
             next_frame: 0,
             opening: Vec::new(),
-            frames: BTreeMap::new(),
+            frames: OpenFrames::default(),
             finished: 0,
             ended: None,
         });
         Self {
             farm,
             costs,
-            clock: Clock::default(),
+            clock: Clock::new(Event::of_place),
             machines: (0..farm.machines).map(|_| Machine::new(jobs.len())).collect(),
             slots: 0,
             standby: Standby::default(),
@@ -226,7 +253,9 @@ impl<'a> Simulator<'a> {
             flights: Vec::new(),
             outstanding: 0,
             comparisons: VecDeque::new(),
+            name: String::new(),
             lanes: Default::default(),
+            for_all: 0,
             waiting: VecDeque::new(),
             incoming: Shared::new(bytes, bytes),
             outgoing: Shared::new(bytes, bytes),
@@ -249,6 +278,7 @@ impl<'a> Simulator<'a> {
     /// Lets the jobs be done, and notes what has been done when so many frames of the first job were.
     pub fn run_noting(mut self, marks: &[u32]) -> (Prediction, Vec<Prediction>) {
         let mut notes = Vec::new();
+        let hopeless = time(HOPELESS_S + self.costs.startup_s);
         for machine in 0..self.farm.machines {
             self.start_machine(machine);
         }
@@ -262,8 +292,7 @@ impl<'a> Simulator<'a> {
             if marks.get(notes.len()).is_some_and(|mark| self.jobs[0].finished >= *mark) {
                 notes.push(self.predicted());
             }
-            let hopeless = self.kept_at + time(HOPELESS_S + self.costs.startup_s);
-            if self.farm.failure_s.is_some() && self.clock.now() > hopeless {
+            if self.farm.failure_s.is_some() && self.clock.now() - self.kept_at > hopeless {
                 self.failed = Some("no unit has ended for an hour: machines fail too often".into());
             }
         }
@@ -289,21 +318,21 @@ impl<'a> Simulator<'a> {
             Event::Fetched(slot, job) => self.fetched(slot, job),
             Event::Done(unit, slot) => self.done(unit, slot),
             Event::Redelivered(unit) => self.redelivered(unit),
-            Event::Machine(machine, version) => self.machine_ends(machine, version),
-            Event::Incoming(version) => {
-                if let Some(question) = self.incoming.end(self.clock.now(), version) {
+            Event::Machine(machine) => self.machine_ends(machine),
+            Event::Incoming => {
+                if let Some(question) = self.incoming.end(self.clock.now()) {
                     self.expect_incoming();
                     self.sent(question);
                 }
             }
-            Event::Outgoing(version) => {
-                if let Some((slot, job)) = self.outgoing.end(self.clock.now(), version) {
+            Event::Outgoing => {
+                if let Some((slot, job)) = self.outgoing.end(self.clock.now()) {
                     self.expect_outgoing();
                     self.in_thread(self.scene_parts() * self.costs.question_s, Work::Scene(slot, job));
                 }
             }
-            Event::Threads(version) => {
-                if let Some(work) = self.threads.end(self.clock.now(), version) {
+            Event::Threads => {
+                if let Some(work) = self.threads.end(self.clock.now()) {
                     self.expect_threads();
                     self.worked(work);
                 }
@@ -313,12 +342,14 @@ impl<'a> Simulator<'a> {
     }
 
     /// Bytes of the sums of a unit.
+    #[inline]
     pub fn bytes_of(&self, unit: u32) -> f64 {
         let Flight { job, blocks, .. } = self.flights[unit as usize];
         f64::from(blocks) * self.jobs[job as usize].pixels_of_block * self.costs.pixel_bytes
     }
 
     /// Time of a machine that a unit takes.
+    #[inline]
     pub fn work_of(&self, unit: u32) -> f64 {
         let Flight { job, samples, .. } = self.flights[unit as usize];
         let share = self.jobs[job as usize].pixels_of_block / BLOCK_PIXELS;
@@ -326,37 +357,38 @@ impl<'a> Simulator<'a> {
     }
 
     /// Ends the next transfer to the coordinator when it is due.
+    #[inline]
     pub fn expect_incoming(&mut self) {
-        if let Some((at, version)) = self.incoming.due() {
-            self.clock.at(at, Event::Incoming(version));
-        }
+        self.clock.expect(INCOMING, self.incoming.due());
     }
 
     pub fn expect_outgoing(&mut self) {
-        if let Some((at, version)) = self.outgoing.due() {
-            self.clock.at(at, Event::Outgoing(version));
-        }
+        self.clock.expect(OUTGOING, self.outgoing.due());
     }
 
+    #[inline]
     pub fn expect_threads(&mut self) {
-        if let Some((at, version)) = self.threads.due() {
-            self.clock.at(at, Event::Threads(version));
-        }
+        self.clock.expect(THREADS, self.threads.due());
     }
 
     /// Lets a thread of the coordinator work for so many seconds.
+    #[inline]
     pub fn in_thread(&mut self, seconds: f64, work: Work) {
         self.threads.add(self.clock.now(), seconds, work);
         self.expect_threads();
     }
 
     /// Lets a machine do something.
+    #[inline]
     pub fn on_machine(&mut self, machine: u32, seconds: f64, task: MachineTask) {
-        let own = &mut self.machines[machine as usize];
-        own.processor.add(self.clock.now(), seconds, task);
-        if let Some((at, version)) = own.processor.due() {
-            self.clock.at(at, Event::Machine(machine, version));
-        }
+        self.machines[machine as usize].processor.add(self.clock.now(), seconds, task);
+        self.expect_machine(machine);
+    }
+
+    /// Ends what a machine does next when it is due.
+    #[inline]
+    pub fn expect_machine(&mut self, machine: u32) {
+        self.clock.expect(MACHINES + machine, self.machines[machine as usize].processor.due());
     }
 
     fn predicted(&mut self) -> Prediction {
@@ -397,10 +429,5 @@ impl<'a> Simulator<'a> {
             loads,
             failed: self.failed.clone(),
         }
-    }
-
-    /// True if units of a job are leased before those of others.
-    pub fn is_urgent(&self, job: u32) -> bool {
-        self.jobs[job as usize].job.priority == Priority::Interactive
     }
 }

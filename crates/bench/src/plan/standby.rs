@@ -42,6 +42,7 @@ fn left(costs: &Costs, reports: f64) -> f64 {
 
 impl Simulator<'_> {
     /// True if a slot's machine does not help now.
+    #[inline]
     pub fn stands_by(&self, slot: Slot) -> bool {
         self.standby.last.is_some_and(|last| slot.machine > last)
     }
@@ -53,17 +54,10 @@ impl Simulator<'_> {
             return;
         }
         self.standby.due = now + PLANNER_PAUSE.as_nanos() as Time;
-        let most = self.most_machines();
-        let there = (0..self.farm.machines).filter(|machine| self.machines[*machine as usize].is_there());
-        let (mut last, mut count, mut others) = (None, 0_usize, 0_usize);
-        for machine in there {
-            if count < most {
-                (last, count) = (Some(machine), count + 1);
-            } else {
-                others += 1;
-            }
-        }
-        self.standby.last = last.filter(|_| others > 0);
+        let there = self.slots / self.costs.slots as usize;
+        let count = self.most_machines().min(there);
+        let others = there - count;
+        self.standby.last = if others > 0 { self.last_of(count) } else { None };
         self.standby.slots = count * self.costs.slots as usize;
         let rarely = self.costs.lease_s / f64::from(BEATS);
         let reports = count as f64 / REPORT.as_secs_f64().min(rarely) + others as f64 / rarely;
@@ -75,6 +69,15 @@ impl Simulator<'_> {
             self.threads.set_capacity(now, left, left.min(1.0));
             self.expect_threads();
         }
+    }
+
+    /// The last of the first machines that are there, of which there are so many.
+    fn last_of(&self, count: usize) -> Option<u32> {
+        let last = count.checked_sub(1)?;
+        if self.slots == self.machines.len() * self.costs.slots as usize {
+            return Some(last as u32);
+        }
+        (0..self.farm.machines).filter(|machine| self.machines[*machine as usize].is_there()).nth(last)
     }
 
     /// The number of machines that help.

@@ -8,6 +8,7 @@ use futures_util::StreamExt;
 use nkeys::KeyPair;
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
@@ -63,7 +64,8 @@ impl Thief {
             let subject = format!("raystream.ask.{kind}.{}", self.key);
             self.client.publish_with_reply(subject, to, message.into()).await.expect("it is sent");
         }
-        self.client.flush().await.expect("all is sent");
+        // Without the server there are no answers.
+        let _ = tokio::time::timeout(quiet, self.client.flush()).await;
         while answers.len() < count
             && let Ok(Some(answer)) = tokio::time::timeout(quiet, self.answers.next()).await
         {
@@ -72,27 +74,49 @@ impl Thief {
         answers
     }
 
-    /// Joins as a worker may, and waits for a unit. Returns it with its token.
+    /// Waits for a unit as a worker may. Returns it with its token.
     pub async fn lease(&mut self) -> Value {
+        let (began, wait) = (Instant::now(), Duration::from_secs(2));
+        loop {
+            assert!(began.elapsed() < Duration::from_secs(60), "there is no unit");
+            if let Some(leased) = self.try_lease(wait).await {
+                return leased;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
+    /// Joins as a worker may, and asks for a unit. Returns it with its token, if there is one and the answers come in
+    /// time.
+    pub async fn try_lease(&mut self, wait: Duration) -> Option<Value> {
         let build = serde_json::to_value(raystream_service::contract::Build::own()).expect("JSON");
         let card = json!({
             "worker": "thief", "host": "h", "build": build, "session": 1, "slots": 2, "units": "CPU",
             "is_live": false,
         });
-        let wait = Duration::from_secs(2);
-        let began = Instant::now();
         self.ask_all("join", vec![question(&json!({ "Join": card }))], wait).await;
-        loop {
-            assert!(began.elapsed() < Duration::from_secs(60), "there is no unit");
-            let wanted = question(&json!({ "Lease": { "session": 1, "have": [] } }));
-            let answers = self.ask_all("lease", vec![wanted], wait).await;
-            let Some(answer) = answers.first() else { continue };
-            let answer: Value = serde_json::from_slice(&answer[4..]).expect("JSON");
-            let leased = &answer["Answer"]["Granted"]["Unit"];
-            if leased.is_object() {
-                return leased.clone();
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
+        let wanted = question(&json!({ "Lease": { "session": 1, "have": [] } }));
+        let answers = self.ask_all("lease", vec![wanted], wait).await;
+        let answer: Value = serde_json::from_slice(&answers.first()?[4..]).ok()?;
+        let leased = &answer["Answer"]["Granted"]["Unit"];
+        leased.is_object().then(|| leased.clone())
+    }
+
+    /// Says of units of others that they fail, with the token of one of its own if it has had one, until it is told to
+    /// end.
+    pub async fn accuse(&mut self, is_over: &AtomicBool) {
+        let none = json!({ "job": "a", "frame": 0, "round": 0, "pass": 0, "number": 0, "copy": 0 });
+        let (wait, mut leased) = (Duration::from_millis(300), json!({ "unit": { "id": none }, "token": "" }));
+        while !is_over.load(Relaxed) {
+            leased = self.try_lease(wait).await.unwrap_or(leased);
+            let accused = |number: u32| {
+                let mut unit = leased["unit"]["id"].clone();
+                unit["number"] = json!(unit["number"].as_u64().map_or(0, |own| own ^ u64::from(number)));
+                let held = json!({ "unit": unit, "token": leased["token"] });
+                question(&json!({ "Failure": { "held": held, "error": "it is broken" } }))
+            };
+            let messages: Vec<Vec<u8>> = (1..8).map(accused).collect();
+            self.ask_all("failure", messages, wait).await;
         }
     }
 

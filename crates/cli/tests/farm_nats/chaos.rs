@@ -1,14 +1,21 @@
 //! Many things go wrong, at moments that a seed chooses, and one of the workers is no honest one. Every job ends with
 //! the right hash.
 
+use crate::attacks::Thief;
 use crate::links::{CUT, Links};
-use crate::machines::{Nats, Worker};
+use crate::machines::Worker;
 use crate::relay::{Relay, mix};
+use crate::secured::Farm;
 use crate::service::PATIENCE;
 use crate::{SIZE, Service, folder, rendered, shipped};
 use serde_json::{Value, json};
 use std::net::Ipv4Addr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use tokio::runtime::Runtime;
 
 /// Runs unless `RAYSTREAM_CHAOS` asks for more.
 const RUNS: u64 = 3;
@@ -21,8 +28,12 @@ const FAULTS: u64 = 4;
 
 const WORKERS: usize = 3;
 
-/// What the worker does that is not honest, in turns.
-const MISCHIEF: [&str; 4] = ["lie", "spoil", "hoard", "return"];
+/// What the worker does that is not honest, in turns. `steal` is a second process with the key of an honest worker,
+/// which spoils what it gets; `accuse` says of the units of others that they fail.
+const MISCHIEF: [&str; 6] = ["return", "accuse", "steal", "lie", "spoil", "hoard"];
+
+/// Keys of workers: one for each that begins.
+const KEYS: u32 = 40;
 
 /// Jobs and their hashes.
 fn jobs() -> Vec<(Value, String)> {
@@ -56,18 +67,52 @@ fn every_job_ends_with_the_right_hash_whatever_dies() {
 
 /// Everything that takes part in a run.
 struct Stage {
-    nats: Nats,
+    farm: Farm,
     relay: Relay,
-    data: tempfile::TempDir,
+    data: TempDir,
     /// The seed of the cuts.
     cuts: String,
     service: Option<Service>,
     workers: Vec<Worker>,
+    /// The number of keys that workers have had.
+    keys: u32,
     /// One that is not honest.
     rogue: Option<Worker>,
+    accuser: Option<Accuser>,
     /// Behind which they are, where there are some.
     links: Option<Links>,
     random: Box<dyn FnMut(u64) -> u64>,
+}
+
+/// One that says of the units of others that they fail.
+struct Accuser {
+    is_over: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
+}
+
+impl Accuser {
+    fn start(farm: &Farm, key: &str) -> Self {
+        let (url, folder) = (farm.url.clone(), farm.of(&format!("workers/{key}")));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let until = Arc::clone(&is_over);
+        let thread = std::thread::spawn(move || {
+            let runtime = Runtime::new().expect("threads");
+            runtime.block_on(async { Thief::new(&url, &folder).await.accuse(&until).await });
+        });
+        Self { is_over, thread }
+    }
+
+    /// Ends it, once the service has refused what it says.
+    fn end(self, service: &Service) {
+        let refused = r#"raystream_refused_messages_total{reason="not its own"}"#;
+        let began = Instant::now();
+        while !String::from_utf8_lossy(&service.get("/metrics").body).contains(refused) {
+            assert!(began.elapsed() < PATIENCE, "no one has refused what is said of others' units");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        self.is_over.store(true, Relaxed);
+        self.thread.join().expect("it says what it has to");
+    }
 }
 
 /// Places at which a coordinator ends.
@@ -87,26 +132,59 @@ impl Stage {
         let mut steps = 0..;
         let mut random: Box<dyn FnMut(u64) -> u64> =
             Box::new(move |of| mix(mix(seed) ^ steps.next().expect("endless")) % of);
-        let nats = Nats::start();
         let links = Links::try_new(WORKERS);
         let at = links.as_ref().map_or(Ipv4Addr::LOCALHOST, Links::address);
-        let relay = Relay::start(at, nats.port(), random(1 << 40));
+        let farm = Farm::at(&at.to_string(), KEYS);
+        let relay = Relay::start(at, farm.nats.port(), random(1 << 40));
         let (data, cuts) = (folder(), random(1000).to_string());
-        let (service, workers, rogue) = (None, Vec::new(), None);
-        let mut own = Self { nats, relay, data, cuts, service, workers, rogue, links, random };
+        let (service, workers, keys, rogue, accuser) = (None, Vec::new(), 0, None, None);
+        let mut own = Self { farm, relay, data, cuts, service, workers, keys, rogue, accuser, links, random };
         own.start_service(None);
         for place in 0..WORKERS {
-            own.workers.push(own.worker(place, &format!("w{place}"), &[]));
+            let worker = own.worker(place, &format!("w{place}"), &[]);
+            own.workers.push(worker);
         }
-        let what = MISCHIEF[(seed % MISCHIEF.len() as u64) as usize];
-        own.rogue = Some(Worker::start(&own.nats.url(), "rogue", &["--mischief", what]));
+        let first = own.options("worker-1");
+        let (key, what) = (own.key(), MISCHIEF[(seed % MISCHIEF.len() as u64) as usize]);
+        match what {
+            "accuse" => own.accuser = Some(Accuser::start(&own.farm, &key)),
+            "steal" => own.rogue = Some(own.rogue_that("spoil", first)),
+            what => own.rogue = Some(own.rogue_that(what, own.options(&key))),
+        }
         own
     }
 
-    fn worker(&self, place: usize, name: &str, options: &[&str]) -> Worker {
+    /// A key that no one has had.
+    fn key(&mut self) -> String {
+        self.keys += 1;
+        assert!(self.keys <= KEYS, "more workers have begun than there are keys");
+        format!("worker-{}", self.keys)
+    }
+
+    /// The options that name a worker's key.
+    fn options(&self, key: &str) -> Vec<String> {
+        self.farm.options(&format!("workers/{key}"))
+    }
+
+    fn rogue_that(&self, what: &str, key: Vec<String>) -> Worker {
+        let key: Vec<&str> = key.iter().map(String::as_str).collect();
+        Worker::start(&self.farm.url, "rogue", &[&key[..], &["--mischief", what]].concat())
+    }
+
+    /// A worker with a new key, behind the relay.
+    fn worker(&mut self, place: usize, name: &str, options: &[&str]) -> Worker {
+        self.worker_with(folder(), place, name, options)
+    }
+
+    /// The same, whose cache may have been another's.
+    fn worker_with(&mut self, cache: TempDir, place: usize, name: &str, options: &[&str]) -> Worker {
+        let key = self.key();
+        let (url, own) = (format!("tls://{}", self.relay.address()), self.options(&key));
+        let own: Vec<&str> = own.iter().map(String::as_str).collect();
+        let options = [&own[..], options].concat();
         match &self.links {
-            Some(links) => Worker::behind(links, place, &self.relay.url(), name, options),
-            None => Worker::start(&self.relay.url(), name, options),
+            Some(links) => Worker::behind(links, place, cache, &url, name, &options),
+            None => Worker::with_cache(cache, &url, name, &options),
         }
     }
 
@@ -115,13 +193,12 @@ impl Stage {
     }
 
     fn start_service(&mut self, failpoint: Option<&str>) {
-        let url = self.nats.url();
         let failpoint = failpoint.into_iter().flat_map(|place| ["--failpoint", place]);
         // All units are compared: no lie ends in a picture, whatever else goes wrong.
-        let first = ["--nats", &url, "--lease", "1", "--compared", "1", "--most-files", "3"];
+        let first = ["--lease", "1", "--compared", "1", "--most-files", "3"];
         let options: Vec<&str> =
             first.into_iter().chain(["--random-units", &self.cuts]).chain(failpoint).collect();
-        self.service = Some(Service::start(self.data.path(), &options));
+        self.service = Some(self.farm.coordinator_with(self.data.path(), &options));
     }
 
     /// Something goes wrong.
@@ -151,11 +228,11 @@ impl Stage {
                 self.start_service(None);
             }
             5 => {
-                self.nats.kill();
+                self.farm.nats.kill();
                 std::thread::sleep(moment / 3);
-                self.nats.restart();
+                self.farm.nats.restart();
             }
-            6 => self.nats.pause(moment),
+            6 => self.farm.nats.pause(moment),
             7 => self.relay.cut(moment),
             8 => self.damage(worker),
             _ => self.links.iter().for_each(|links| links.cut(worker, CUT)),
@@ -175,11 +252,7 @@ impl Stage {
         for flat in crate::damage::files(cache.path(), "flat") {
             std::fs::remove_file(flat).expect("it is removed");
         }
-        let url = self.relay.url();
-        self.workers[place] = match &self.links {
-            Some(_) => self.worker(place, &name, &[]),
-            None => Worker::with_cache(cache, &url, &name, &[]),
-        };
+        self.workers[place] = self.worker_with(cache, place, &name, &[]);
     }
 
     /// Starts workers in the place of dead ones: their failpoints may be passed long after the faults.
@@ -211,5 +284,9 @@ fn run(seed: u64, jobs: &[(Value, String)]) -> Duration {
         }
         assert_eq!(stage.service().hashes(id), [hash.as_str()], "seed {seed}: {job}");
     }
-    began.elapsed()
+    let recovered = began.elapsed();
+    if let Some(accuser) = stage.accuser.take() {
+        accuser.end(stage.service());
+    }
+    recovered
 }

@@ -97,7 +97,9 @@ fn links_that_are_cut_for_ten_seconds_cost_time_alone() {
     let service = coordinator(data.path(), &nats.url(), &[]);
     let scene = service.upload_file(&shipped("cornell.json"));
     let hash = rendered(&shipped("cornell.json"), &["--size", "96x64", "--spp", "512", "--seed", "3"]);
-    let worker = |place: usize| Worker::behind(&links, place, &relay.url(), &format!("w{place}"), &[]);
+    let worker = |place: usize| {
+        Worker::behind(&links, place, folder(), &relay.url(), &format!("w{place}"), &["--insecure"])
+    };
     let _workers = [worker(0), worker(1)];
     let id = service.submit(&scene, &json!({ "size": "96x64", "spp": 512, "seed": 3 }));
     let done = || service.job(&id)["units_done"].as_u64().expect("a number");

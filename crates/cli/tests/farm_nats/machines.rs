@@ -151,24 +151,26 @@ pub struct Worker {
 
 impl Worker {
     pub fn start(url: &str, name: &str, options: &[&str]) -> Self {
-        Self::start_by(Command::new(env!("CARGO_BIN_EXE_raystream")), url, name, options)
+        Self::with_cache(tempfile::tempdir().expect("a folder"), url, name, options)
     }
 
-    /// One that reaches the server over a link of its own.
-    pub fn behind(links: &Links, place: usize, url: &str, name: &str, options: &[&str]) -> Self {
+    /// One that reaches the server over a link of its own: not at a loopback address.
+    pub fn behind(
+        links: &Links,
+        place: usize,
+        cache: TempDir,
+        url: &str,
+        name: &str,
+        options: &[&str],
+    ) -> Self {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &links.space(place), env!("CARGO_BIN_EXE_raystream")]);
-        // The server is not at a loopback address there.
-        Self::start_by(command, url, name, &[options, &["--insecure"]].concat())
+        Self::start_with(command, cache, url, name, options)
     }
 
     /// One whose cache was another's before.
     pub fn with_cache(cache: TempDir, url: &str, name: &str, options: &[&str]) -> Self {
         Self::start_with(Command::new(env!("CARGO_BIN_EXE_raystream")), cache, url, name, options)
-    }
-
-    fn start_by(command: Command, url: &str, name: &str, options: &[&str]) -> Self {
-        Self::start_with(command, tempfile::tempdir().expect("a folder"), url, name, options)
     }
 
     fn start_with(mut command: Command, cache: TempDir, url: &str, name: &str, options: &[&str]) -> Self {

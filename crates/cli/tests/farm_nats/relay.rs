@@ -57,7 +57,12 @@ impl Relay {
     }
 
     pub fn url(&self) -> String {
-        format!("nats://{}:{}", self.at, self.port)
+        format!("nats://{}", self.address())
+    }
+
+    /// Address and port.
+    pub fn address(&self) -> String {
+        format!("{}:{}", self.at, self.port)
     }
 
     /// Lets nothing pass for a while.

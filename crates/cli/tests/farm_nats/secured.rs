@@ -26,10 +26,15 @@ fn text(path: &Path) -> &str {
 impl Farm {
     /// A farm with so many workers.
     pub fn new(workers: u32) -> Self {
+        Self::at("localhost", workers)
+    }
+
+    /// The same, whose server's certificate names this address too.
+    pub fn at(host: &str, workers: u32) -> Self {
         let (folder, port) = (folder(), free_port());
         let path = folder.path().join("farm");
         let (workers, number) = (workers.to_string(), port.to_string());
-        let options = ["--host", "localhost", "--port", &number, "--workers", &workers];
+        let options = ["--host", host, "--port", &number, "--workers", &workers];
         let output = raystream(&[&["farm", "init", text(&path)], &options[..]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let nats = Nats::with_settings(port, &path.join("nats"));
@@ -42,7 +47,7 @@ impl Farm {
     }
 
     /// The options that name key and certificate of a process.
-    fn options(&self, process: &str) -> Vec<String> {
+    pub fn options(&self, process: &str) -> Vec<String> {
         let path = |name: &str| text(&self.of(process).join(name)).to_owned();
         vec!["--nats-key".into(), path("nats.key"), "--nats-ca".into(), path("ca.pem")]
     }

@@ -1,8 +1,10 @@
 //! Who and what is refused, and how.
 
+use crate::tenants::live;
 use crate::{Service, folder, shipped};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write;
+use std::path::Path;
 use std::process::Command;
 
 #[test]
@@ -114,10 +116,8 @@ fn what_is_wrong_with_a_request_is_named() {
     assert_eq!(service.post("/api/v1/jobs/nobody/cancel", &json!({})).status, 404);
 }
 
-#[test]
-fn hostile_scenes_fail_alone() {
-    let data = folder();
-    let service = Service::start(data.path(), &["--memory", "200M"]);
+/// Scenes that are refused, with a word of the reason. One needs more than 200 MB.
+fn hostile(data: &Path) -> Vec<(Vec<u8>, &'static str)> {
     let pack = |files: &[(&str, &str)]| {
         let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
         for (name, text) in files {
@@ -127,16 +127,23 @@ fn hostile_scenes_fail_alone() {
         zip.finish().expect("an archive").into_inner()
     };
     let triangle = "usemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-    let secret = data.path().join("token").display().to_string();
+    let secret = data.join("token").display().to_string();
     let up = "../../../token";
     let huge = r#"{ "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [ { "shape": "sphere",
         "centre": [0, 0, 0], "radius": 1, "cells": 1024, "material": "a" } ] }"#;
-    for (bytes, says) in [
+    vec![
         (pack(&[("a.obj", &format!("mtllib {secret}\n{triangle}"))]), "outside"),
         (pack(&[("b/a.obj", &format!("mtllib {up}\n{triangle}"))]), "outside"),
         (pack(&[("a.obj", "nothing")]), "triangle"),
         (huge.as_bytes().to_vec(), "memory"),
-    ] {
+    ]
+}
+
+#[test]
+fn hostile_scenes_fail_alone() {
+    let data = folder();
+    let service = Service::start(data.path(), &["--memory", "200M"]);
+    for (bytes, says) in hostile(data.path()) {
         let (scene, answer) = service.upload(&bytes);
         assert_eq!(answer.status, 201, "{}", answer.json());
         let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
@@ -147,6 +154,33 @@ fn hostile_scenes_fail_alone() {
     let scene = service.upload_file(&shipped("cornell.json"));
     let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
     assert_eq!(service.hashes(&id).len(), 1, "the service goes on");
+}
+
+#[test]
+fn live_views_refuse_scenes_in_the_words_of_jobs() {
+    let data = folder();
+    let service = Service::start(data.path(), &["--memory", "200M"]);
+    let bearer = format!("Bearer {}", service.token);
+    let refusal = |scene: &str| {
+        let path = format!("/api/v1/live?scene={scene}");
+        let told = live(&service, &[("Authorization", &bearer)], &path);
+        let start = told.find('{').unwrap_or_else(|| panic!("no message: {told}"));
+        let reply: Value = serde_json::from_str(&told[start..]).expect("JSON");
+        assert_eq!(reply["type"], "refused", "{reply}");
+        reply["reason"].clone()
+    };
+    for (bytes, says) in hostile(data.path()) {
+        let (scene, answer) = service.upload(&bytes);
+        assert_eq!(answer.status, 201, "{}", answer.json());
+        // The view is the first to read it.
+        let viewed = refusal(&scene);
+        let id = service.submit(&scene, &json!({ "size": "8x8", "spp": 1 }));
+        let job = service.wait_for(&id, &["done", "failed"]);
+        assert_eq!(viewed, job["error"], "{says}");
+        assert!(viewed.as_str().is_some_and(|reason| reason.contains(says)), "{says}: {viewed}");
+        let own = data.path().join("scenes").display().to_string();
+        assert!(!viewed.to_string().contains(&own), "no one is told where the data lie: {viewed}");
+    }
 }
 
 #[test]

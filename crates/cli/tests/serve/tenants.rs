@@ -166,7 +166,7 @@ fn told(answer: &Answer, names: &[&str]) -> (u16, String) {
 }
 
 /// What a live view is answered until it is closed.
-fn live(service: &Service, headers: &[(&str, &str)], path: &str) -> String {
+pub fn live(service: &Service, headers: &[(&str, &str)], path: &str) -> String {
     let host = service.url.split_once("://").expect("an address").1;
     let own = headers.iter().filter(|(name, _)| *name != "Connection");
     let lines: String = own.map(|(name, value)| format!("{name}: {value}\r\n")).collect();

@@ -7,7 +7,7 @@ use crate::contract::{
 };
 use raystream::picture::RenderSpec;
 use std::sync::mpsc::channel;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 /// Longer than anything takes here.
@@ -55,6 +55,7 @@ type Ends = (Arc<dyn WorkBus>, Arc<dyn WorkBus>, String);
 /// All promises. `bus` gives the ends of one bus.
 pub fn check(bus: impl Fn() -> Ends) {
     questions_are_answered(&bus());
+    results_are_answered_at_the_same_time(&bus());
     the_bell_wakes_who_waits(&bus());
     tiles_are_answered_by_the_worker_that_is_asked(&bus());
 }
@@ -107,20 +108,68 @@ fn questions_are_answered((coordinator, worker, key): &Ends) {
         3 * crate::contract::PART_BYTES + 5,
     ] {
         let sums: Vec<u8> = (0..bytes).map(|byte| (byte % 251) as u8).collect();
-        let finished = FinishedUnit {
-            held: Held { unit: unit("a", 0).id, token: "t".into() },
-            identity: "i".into(),
-            blocks: vec![3, 1, 2],
-            samples: 5..9,
-            digest: bytes.to_string(),
-            seconds: 1.5,
-            opening_s: 0.25,
-            sums: Arc::new(sums),
-        };
+        let finished = finished(0, sums);
         let answer = worker.ask(Ask::Result(finished.clone())).expect("an answer");
         assert_eq!(answer, Answer::Result(ResultReply::Kept));
         assert_eq!(last(), Some((key.clone(), Ask::Result(finished))), "{bytes} bytes");
     }
+}
+
+/// The sums of a unit.
+fn finished(number: u32, sums: Vec<u8>) -> FinishedUnit {
+    FinishedUnit {
+        held: Held { unit: unit("a", number).id, token: "t".into() },
+        identity: "i".into(),
+        blocks: vec![3, 1, 2],
+        samples: 5..9,
+        digest: sums.len().to_string(),
+        seconds: 1.5,
+        opening_s: 0.25,
+        sums: Arc::new(sums),
+    }
+}
+
+/// A coordinator that keeps sums once those of so many units are being kept.
+#[derive(Default)]
+struct Together {
+    results: Mutex<usize>,
+    more: Condvar,
+}
+
+/// Results that are kept at the same time.
+const TOGETHER: usize = 4;
+
+impl Coordinator for Together {
+    fn answer(&self, _: &str, ask: Ask) -> Answer {
+        if !matches!(ask, Ask::Result(_)) {
+            return Answer::Noted;
+        }
+        let mut results = self.results.lock().expect("no panic");
+        *results += 1;
+        self.more.notify_all();
+        let is_alone = |results: &mut usize| *results < TOGETHER;
+        let waited = self.more.wait_timeout_while(results, 50 * PATIENCE, is_alone).expect("no panic");
+        Answer::Result(if waited.1.timed_out() { ResultReply::Later } else { ResultReply::Kept })
+    }
+
+    fn expects(&self, _: &str, _: &FinishedUnit, _: u64) -> bool {
+        true
+    }
+}
+
+fn results_are_answered_at_the_same_time((coordinator, worker, _): &Ends) {
+    coordinator.attend(Arc::new(Together::default())).expect("a coordinator");
+    let began = Instant::now();
+    while worker.ask(Ask::Leave).is_err() {
+        assert!(began.elapsed() < 100 * PATIENCE, "the coordinator is not found");
+    }
+    std::thread::scope(|scope| {
+        let send = |number| scope.spawn(move || worker.ask(Ask::Result(finished(number, vec![1, 2, 3]))));
+        let sent: Vec<_> = (0..TOGETHER as u32).map(send).collect();
+        for answer in sent {
+            assert_eq!(answer.join().expect("no panic"), Ok(Answer::Result(ResultReply::Kept)));
+        }
+    });
 }
 
 fn the_bell_wakes_who_waits((coordinator, worker, _): &Ends) {

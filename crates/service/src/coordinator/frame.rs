@@ -415,3 +415,89 @@ fn write(
     written.map_err(|error| Failure::Disk(error.to_string()))?;
     Ok(sync_folder(path.parent().unwrap_or(Path::new(".")))?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::{FrameId, LoadedScenes, RenderBackend, SharedUnits};
+    use crate::contract::{Held, UnitWatch};
+    use crate::coordinator::ledger::tests::new;
+    use raystream::engine::Units;
+    use raystream::picture::Registry;
+    use raystream::render::Pass;
+    use raystream::schedule::{Priority, Service, ServiceOptions};
+    use std::sync::Arc;
+    use std::sync::mpsc::channel;
+
+    /// Long enough for any machine; nothing waits for it where all is well.
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    const SCENE: &str = r#"{
+        "environment": [1, 1, 1],
+        "materials": { "grey": { "colour": [0.5, 0.5, 0.5] } },
+        "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1, "cells": 8, "material": "grey" } ],
+        "camera": { "eye": [0, 0, 4], "target": [0, 0, 0], "fov_degrees": 40 } }"#;
+
+    /// The first unit of a frame, rendered.
+    fn rendered(frame: &OpenFrame, ledger: &Ledger) -> FinishedUnit {
+        let (unit, blocks, _) = frame.take(Sizes::default(), Speed::default()).expect("a unit");
+        ledger.add_units(&frame.job, vec![(frame.round, unit.clone())]).expect("a ledger");
+        let (id, samples) = (frame.id(&unit), unit.first..unit.end);
+        let piece = Pass::new(blocks.clone().into(), samples.clone());
+        let sums = frame
+            .open_job
+            .patch(frame.frame, piece, &UnitWatch::new(Priority::Normal))
+            .expect("a patch")
+            .into_sums();
+        let digest = contract::digest(&id, &blocks, &samples, &sums);
+        let held = Held { unit: id, token: String::new() };
+        let (identity, sums) = (frame.identity.clone(), Arc::new(sums));
+        FinishedUnit { held, identity, blocks, samples, digest, seconds: 1.0, opening_s: 0.0, sums }
+    }
+
+    #[test]
+    fn sums_of_several_frames_are_kept_at_the_same_time() {
+        let data = tempfile::tempdir().expect("a folder");
+        let scene = data.path().join("scene.json");
+        std::fs::write(&scene, SCENE).expect("a file");
+        let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
+        let units = SharedUnits { units: Units::cpu(), service: Arc::new(service), policy: None };
+        let loaded = LoadedScenes::new(data.path(), 1 << 20);
+        let backend = RenderBackend::new(Registry::built_in(), units, Some(1 << 28), loaded);
+        let spec = r#"{ "size": "16x16", "spp": 2, "frames": "0..3", "turntable": 3 }"#;
+        let spec = serde_json::from_str(spec).expect("a spec");
+        let open_job = backend.open(&spec, &scene, data.path()).expect("a job");
+        let ledger = Ledger::open(data.path()).expect("a ledger");
+        ledger.accept(new("a", None), 2).expect("accepted");
+        ledger.plan("a", (0..3).map(|number| FrameId::new(number, "")).collect(), 6).expect("planned");
+        let frames: Vec<OpenFrame> = (0..3)
+            .map(|number| {
+                let folder = data.path().join(number.to_string());
+                OpenFrame::open(&ledger, ("a", number), folder, open_job.clone(), None).expect("a frame")
+            })
+            .collect();
+        let finished: Vec<FinishedUnit> = frames.iter().map(|frame| rendered(frame, &ledger)).collect();
+        let (by, lease) =
+            (By { key: "k", name: "w", is_compared: false }, LeasedFor { began: None, deliveries: 1 });
+        let (kept, keeps) = channel();
+        std::thread::scope(|scope| {
+            // Sums of the first frame are being written into one file.
+            let first = frames[0].state();
+            for (number, (frame, finished)) in frames.iter().zip(finished).enumerate() {
+                let (kept, ledger) = (kept.clone(), &ledger);
+                scope.spawn(move || {
+                    let new = frame.keep(ledger, finished, by, lease);
+                    let is_complete = matches!(new, Ok(Kept::New { is_complete: true, .. }));
+                    kept.send((number, is_complete)).expect("the test waits");
+                });
+            }
+            let mut others = [(); 2].map(|()| keeps.recv_timeout(PATIENCE));
+            others.sort_by_key(|kept| kept.map_or(0, |(number, _)| number));
+            let first_waits = keeps.recv_timeout(Duration::from_millis(50)).is_err();
+            drop(first);
+            assert_eq!((others, first_waits), ([Ok((1, true)), Ok((2, true))], true));
+        });
+        assert_eq!(keeps.recv_timeout(PATIENCE), Ok((0, true)));
+        assert!(frames.iter().all(OpenFrame::is_complete));
+    }
+}

@@ -93,8 +93,11 @@ pub fn next(
         u64::from(row.block) * samples.len() as u64
             + u64::from(row.blocks) * u64::from(row.end - samples.start)
     };
-    let left =
-        (u64::from(all) * samples.len() as u64).saturating_sub(last.map_or(0, cut)) as f64 * BLOCK_PIXELS;
+    let left = (u64::from(all) * samples.len() as u64).saturating_sub(last.map_or(0, cut));
+    if left == 0 {
+        return None;
+    }
+    let left = left as f64 * BLOCK_PIXELS;
     let wanted = sizes.samples.map_or(speed.samples_of_unit(left, sizes), |samples| samples as f64);
     let block_samples = (wanted / BLOCK_PIXELS).max(1.0);
     let count = last.map_or(0, |last| last.number + 1);

@@ -24,6 +24,12 @@ pub trait Share {
 
 /// Takes the next unit: `take` returns a job's next one with its samples, or none if the job has none now.
 pub fn next<J: Share, T>(jobs: &mut [J], mut take: impl FnMut(&mut J) -> Option<(T, u64)>) -> Option<T> {
+    // The usual case, and there is nothing to order.
+    if let [job] = jobs {
+        let (taken, samples) = take(job)?;
+        job.give(samples);
+        return Some(taken);
+    }
     let candidates: Vec<Candidate> = jobs.iter().map(Share::candidate).collect();
     order(&candidates).into_iter().find_map(|index| {
         let (taken, samples) = take(&mut jobs[index])?;

@@ -10,7 +10,7 @@ mod schema;
 mod snapshot;
 mod storage;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 mod tokens;
 mod units;
 mod usage;

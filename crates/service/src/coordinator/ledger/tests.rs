@@ -5,7 +5,8 @@ use crate::backend::{FrameId, JobCost, StopRule};
 use crate::coordinator::Webhook;
 use raystream::schedule::Priority;
 
-fn new(id: &str, key: Option<&str>) -> NewJob {
+/// A job as a request makes it.
+pub fn new(id: &str, key: Option<&str>) -> NewJob {
     NewJob {
         id: id.into(),
         tenant: "t".into(),
