@@ -1,5 +1,5 @@
-// A ray prepared for traversal: `geom::CanonicalRay::new`. Decisions and the reciprocals are integers' work, so they are
-// the host's on every device; the rest is within the pads.
+// A ray prepared for traversal: `geom::CanonicalRay::new`. Decisions and the reciprocals are integers' work, so they
+// are the host's on every device; the rest is within the pads.
 //
 // The canonical slab test crosses a plane p at fma(p, inverse, shift -+ pad), pad = SLACK * scale * |inverse|. A device
 // may round the fma twice and contract sums. The two shifts differ by at most 22 * 2^-24 * scale * |inverse|, less than

@@ -4,8 +4,8 @@
 // Where a ray crosses a face q steps from `origin` is computed as fma(q, step * inverse, fma(origin, inverse, shift)).
 // The product of the step, a power of two, is exact. In units of 2^-24 * scale * |inverse| (see `PreparedRay`) the
 // inner fma may be off by 3 and the outer one, whose product may be twice the scale, by 4: 4 more than the 3 of the
-// canonical one. The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32 units
-// that the pads allow. A box that is entered a little too early changes no answer.
+// canonical one. The host compares faces rounded (`flatten/wide.rs`): 1 more. So crossings are within 27 of the 32
+// units that the pads allow. A box that is entered a little too early changes no answer.
 //
 // Distances are compared as integers: a ray's interval is not below +0, so where a negative number counts at all, any
 // negative number does.

@@ -194,8 +194,9 @@ fn inexact_arithmetic_needs_the_margins() {
     assert!(wrong > 20, "only {wrong} wrong answers without margins: the other test shows nothing");
 }
 
-/// The form of a device that fuses its multiply-add and keeps subnormal numbers is among them, with each emulated route.
-/// Drivers take seconds for the kernels of one: all of them when the long run asks for more pairs (`scripts/soak`).
+/// The form of a device that fuses its multiply-add and keeps subnormal numbers is among them, with each emulated
+/// route. Drivers take seconds for the kernels of one: all of them when the long run asks for more pairs
+/// (`scripts/soak`).
 #[test]
 fn forms_of_exact_hits_have_the_hosts_bits() {
     let fused = |route| Form { route, sides: Sides::Exact, flushes: false };
