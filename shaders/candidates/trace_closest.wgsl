@@ -14,7 +14,7 @@ struct Found {
 }
 
 fn limit_of(found: ptr<function, Found>) -> i32 {
-    // No distance is below a zero, of which either sign may be.
+    // No distance is below zero, and a zero may have either sign.
     return bitcast<i32>((*found).limit) & 0x7fffffff;
 }
 

@@ -4,8 +4,8 @@
 //! 1. The words are those of `spirv`: naga has validated and written the module, which then got decorations of
 //!    results and float controls, the latter only if the device offers them ([`float_controls`]).
 //! 2. Every index is in range. A thread beyond the number of points or rays returns at once, and the caller binds as
-//!    many words as these need. With `Checks::Kept` naga's policy `Restrict` clamps indices all the same; with
-//!    `Checks::Proven`, of which traversals alone make use, invariant 2 of `trace::gpu::unchecked_module` holds.
+//!    many words as these need. With `Checks::Kept` naga's policy `Restrict` clamps indices all the same. Traversals
+//!    alone have `Checks::Proven`; for them invariant 2 of `trace::gpu::unchecked_module` holds.
 //! 3. Every loop ends: a program's after `MOST_TURNS` turns of all loops of a point, a traversal's by invariant 3 of
 //!    `trace::gpu::unchecked_module`, others after three turns. With `Checks::Kept` naga bounds loops as well.
 //! 4. The hal device is used while its guard lives, and nothing of it is destroyed. Structs are filled as Vulkan

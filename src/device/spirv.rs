@@ -58,7 +58,7 @@ pub(crate) enum Fma {
     Probed,
 }
 
-/// Whether a kernel checks its own indices and loops.
+/// Checks of a kernel's own indices and loops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Checks {
     /// Indices are clamped, and loops end.

@@ -35,10 +35,10 @@ pub(super) struct KernelPipeline {
     idle_params: Mutex<Vec<wgpu::Buffer>>,
 }
 
-/// What a kernel answers with.
+/// The answers of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answers {
-    /// Candidates, of which the host makes hits.
+    /// Candidates: the host makes the hits.
     Candidates,
     /// Hits, and a list of rays that it leaves to the host.
     Hits,
@@ -87,7 +87,7 @@ pub(super) struct InFlight {
     listed: Option<Mapped>,
 }
 
-/// What kernels read and write: rays, parameters and the list of undecided rays, answers.
+/// The bindings of kernels: rays, parameters and the list of undecided rays, answers.
 type Bindings<'a> =
     (wgpu::BindingResource<'a>, (&'a wgpu::Buffer, &'a UndecidedList), wgpu::BindingResource<'a>);
 

@@ -59,7 +59,7 @@ impl Kernel {
     }
 }
 
-/// How a traversal computes.
+/// The arithmetic of a traversal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Arithmetic {
     /// Rays that come near subnormal numbers are undecided.
@@ -69,7 +69,7 @@ pub(super) struct Arithmetic {
     pub sides: Sides,
 }
 
-/// How triangles are rejected.
+/// The way in which most triangles are rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sides {
     /// By edge functions as the device computes them, and their margins.
@@ -78,7 +78,7 @@ pub(super) enum Sides {
     Exact,
 }
 
-/// What all kernels share, up to the test of a triangle.
+/// The source that all kernels share, up to the test of a triangle.
 pub(super) fn traversal(shape: &Shape, arithmetic: Arithmetic) -> String {
     let Arithmetic { flushes, near_fma, sides } = arithmetic;
     let near_fma = match near_fma {

@@ -6,8 +6,8 @@
 //! Bvh -flatten-> scene buffers, kernels (DeviceScene) ----+> GpuTracer
 //! ```
 //!
-//! A device whose arithmetic has the host's bits (`exact`) answers with canonical hits and a list of rays that it leaves
-//! to the host. The arithmetic of others is not trusted to the bit. For each ray such a device names up to three
+//! A device whose arithmetic has the host's bits (`exact`) answers with canonical hits and a list of rays that it
+//! leaves to the host. The arithmetic of others is not trusted to the bit. For each ray such a device names up to three
 //! *candidates*: primitives among which the canonical hit certainly is. It also says when there may be more
 //! (`shaders/candidates/triangle.wgsl` has the error analysis). The host evaluates the candidates canonically, alpha
 //! included. The CPU tracer traces the rays that stay *undecided*. So the result is that of

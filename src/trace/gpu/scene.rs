@@ -12,7 +12,7 @@ use crate::bvh::Bvh;
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
-/// Which kernels a scene gets.
+/// The kernels that a scene gets.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kernels {
     /// Those of exact hits if the device can have them, else those of candidates.

@@ -71,7 +71,7 @@ impl Simulator<'_> {
         }
     }
 
-    /// The last of the first machines that are there, of which there are so many.
+    /// The last of the first `count` machines that are there.
     fn last_of(&self, count: usize) -> Option<u32> {
         let last = count.checked_sub(1)?;
         if self.slots == self.machines.len() * self.costs.slots as usize {

@@ -8,8 +8,8 @@
 //! the host. Boxes have their pads everywhere: one that is entered a little too early changes no answer.
 //!
 //! A device is not trusted: each module has entry points that compare the route and the whole test with the host's
-//! before the module is used (once a process for all scenes of a kind: a driver compiles the same words alike). A sample
-//! of every dispatch is checked as ever.
+//! before the module is used (once a process for all scenes of a kind: a driver compiles the same words alike). A
+//! sample of every dispatch is checked as ever.
 
 mod cases;
 mod probe;
@@ -23,11 +23,10 @@ use super::{Fault, Gpu};
 use crate::device::{Checks, FloatControls, float_controls, module, spirv};
 pub(super) use route::Route;
 
-/// How kernels make exact hits.
+/// The way in which kernels make exact hits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Form {
     pub route: Route,
-    /// How triangles are rejected.
     pub sides: Sides,
     /// Rays that come near subnormal numbers are left to the host.
     pub flushes: bool,
