@@ -131,3 +131,31 @@ fn rays_of_several_scenes_are_measured_each_in_its_order() {
     let text = run(folder.path(), &["bench", "rays", "level:0"], 2);
     assert!(text.contains("level:0: the size is a number from 1 to 512"), "{text}");
 }
+
+#[cfg(feature = "gpu")]
+#[test]
+fn what_rays_visit_on_a_device_is_counted_beside_a_binary_tree() {
+    let folder = folder();
+    let scene = shipped("cornell.json");
+    let args = ["--size", "32x24", "--adapter", "llvmpipe", "--json", "b.json"];
+    let text = run(folder.path(), &[&["bench", "gpu", "--count", &scene][..], &args].concat(), 0);
+    assert!(text.contains("triangles; a ray on average:"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let by = |kind: &str, walk: &str| {
+        let is = |row: &&serde_json::Value| {
+            row["kind"] == kind && row["walk"].as_str().is_some_and(|name| name.starts_with(walk))
+        };
+        rows.iter().find(is).unwrap_or_else(|| panic!("{kind}, {walk}: {rows:?}"))
+    };
+    for kind in ["camera", "bounce"] {
+        let (device, binary) = (by(kind, "gpu: llvmpipe"), by(kind, "obvhs binary"));
+        assert_eq!(device["rays"], binary["rays"]);
+        let nodes = |row: &serde_json::Value| row["nodes"].as_f64().expect("a number");
+        // A node of eight children stands for several of two.
+        assert!(1.0 <= nodes(device) && nodes(device) < nodes(binary), "{device} {binary}");
+        assert!(device["triangles"].as_f64() > Some(0.0) && device["bytes"].as_f64() > Some(64.0), "{device}");
+    }
+    let text = run(folder.path(), &["bench", "gpu", "--count", &scene, "--adapter", "no such"], 2);
+    assert!(text.contains("no such"), "{text}");
+}

@@ -295,31 +295,47 @@ impl Instances {
         &self.all[self.runs[run].1 as usize]
     }
 
-    /// The wide tree over the instances, from the tree over their boxes. Each of its leaf blocks becomes a
-    /// node whose children are instances.
+    /// The wide tree over the instances, from the tree over their boxes. Instances of a leaf block take vacant slots of
+    /// the node above, the smallest block first; a block for which there are too few becomes a node.
     fn tree_over(&self, boxes: &Bvh) -> WideTree {
         let inner_count = boxes.wide.nodes.len();
         let mut nodes = boxes.wide.nodes.to_vec();
         let mut blocks = Vec::new();
         for node in &mut nodes {
-            for child in node.children.iter_mut().filter(|child| **child != Child::NONE && child.is_block()) {
-                blocks.push(boxes.wide.blocks.get(*child));
-                *child = Child::node(inner_count + blocks.len() - 1);
+            let children = node.children;
+            let mut vacant: Vec<usize> = (0..WIDTH).filter(|&slot| children[slot] == Child::NONE).collect();
+            let is_block = |slot: &usize| children[*slot] != Child::NONE && children[*slot].is_block();
+            let block_of = |slot| (slot, boxes.wide.blocks.get(children[slot]));
+            let mut of_blocks: Vec<_> = (0..WIDTH).filter(is_block).map(block_of).collect();
+            of_blocks.sort_by_key(|(_, block)| block.len());
+            for (slot, block) in of_blocks {
+                if block.len() > vacant.len() + 1 {
+                    blocks.push(block);
+                    node.children[slot] = Child::node(inner_count + blocks.len() - 1);
+                    continue;
+                }
+                let places = std::iter::once(slot).chain(vacant.drain(..block.len() - 1));
+                for (row, slot) in places.enumerate() {
+                    self.set(node, slot, block.primitive(row));
+                }
             }
+            node.update_front_to_back();
         }
+        let depth = boxes.wide.depth + usize::from(!blocks.is_empty());
         for block in blocks {
             let mut node = WideNode::EMPTY;
             for row in 0..block.len() {
-                let instance = block.primitive(row) as usize;
-                node.set(row, self.all[instance].bounds, Child::block(instance, 1));
+                self.set(&mut node, row, block.primitive(row));
             }
             node.update_front_to_back();
             nodes.push(node);
         }
-        WideTree {
-            nodes: HugePages::from_slice(&nodes),
-            blocks: LeafBlocks::empty(),
-            depth: boxes.wide.depth + 1,
-        }
+        WideTree { nodes: HugePages::from_slice(&nodes), blocks: LeafBlocks::empty(), depth }
+    }
+
+    /// Puts an instance into a slot of a node.
+    fn set(&self, node: &mut WideNode, slot: usize, instance: u32) {
+        let index = instance as usize;
+        node.set(slot, self.all[index].bounds, Child::block(index, 1));
     }
 }
