@@ -35,7 +35,7 @@ pub(super) struct DeviceScene {
     layouts: [wgpu::BindGroupLayout; 2],
     pub trace_closest: KernelPipeline,
     pub trace_any: KernelPipeline,
-    /// How the device makes hits, or why the host does.
+    /// The form in which the device makes hits, or the reason why the host does.
     pub exact_hits: Result<Form, Refusal>,
     /// Bytes of the scene's buffers.
     pub bytes: u64,

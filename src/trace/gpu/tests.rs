@@ -76,7 +76,8 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
         .collect()
 }
 
-/// How many answers of a GPU tracer with these kernels differ from the oracle's, and how many rays it left to the host.
+/// The number of answers of a GPU tracer with these kernels that differ from the oracle's, and of rays that it left to
+/// the host.
 fn wrong_answers(gpu: Gpu, kernels: Kernels, bvh: &Arc<Bvh>, count: u32) -> (usize, u64) {
     let oracle = Oracle::new(bvh.clone(), None);
     let rays = rays(bvh, count);
@@ -120,7 +121,7 @@ fn instances() -> Arc<Bvh> {
     Arc::new(Bvh::from_instances(placed.collect()))
 }
 
-/// How many answers of kernels of candidates from `source` differ from the oracle's.
+/// The number of answers of kernels of candidates from `source` that differ from the oracle's.
 fn wrong_candidates(source: fn(Kernel, &Shape) -> String) -> usize {
     wrong_answers(open(), Kernels::Candidates(source), &tree(), 20_000).0
 }

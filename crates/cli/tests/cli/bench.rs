@@ -154,7 +154,10 @@ fn what_rays_visit_on_a_device_is_counted_beside_a_binary_tree() {
         let nodes = |row: &serde_json::Value| row["nodes"].as_f64().expect("a number");
         // A node of eight children stands for several of two.
         assert!(1.0 <= nodes(device) && nodes(device) < nodes(binary), "{device} {binary}");
-        assert!(device["triangles"].as_f64() > Some(0.0) && device["bytes"].as_f64() > Some(64.0), "{device}");
+        assert!(
+            device["triangles"].as_f64() > Some(0.0) && device["bytes"].as_f64() > Some(64.0),
+            "{device}"
+        );
     }
     let text = run(folder.path(), &["bench", "gpu", "--count", &scene, "--adapter", "no such"], 2);
     assert!(text.contains("no such"), "{text}");
