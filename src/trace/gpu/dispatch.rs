@@ -44,7 +44,7 @@ pub(super) enum Answers {
     Hits,
 }
 
-/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
+/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
 const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The rays that one kernel traces in a dispatch, and the memory of their answers. Once read back, that memory holds

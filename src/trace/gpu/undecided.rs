@@ -10,7 +10,7 @@ const ROOM: usize = 16;
 /// The fewest rays that a list has room for.
 const LEAST: usize = 256;
 
-/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
+/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
 const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The buffers of a list: the number of rays, then their indices as far as there is room.

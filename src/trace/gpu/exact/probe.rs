@@ -16,7 +16,7 @@ const PAIRS: u32 = 10_000;
 /// One in this many cases must be decided.
 const LEAST_DECIDED: usize = 2;
 
-/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
+/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
 const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// A probe's answer: words, or none where the host has to decide.

@@ -138,7 +138,7 @@ impl Leaves {
         leaves
     }
 
-    /// How many become nodes.
+    /// The number of those that become nodes.
     fn long(&self) -> usize {
         self.lengths.iter().filter(|&&length| length > LEAF_PAIRS).count()
     }
