@@ -12,7 +12,7 @@ pub struct AdapterChoice {
     pub allow_software: bool,
 }
 
-/// What kind of device an adapter is, fastest first.
+/// The kind of device that an adapter is, fastest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum AdapterKind {

@@ -64,7 +64,7 @@ impl Kernel {
 pub(super) struct Arithmetic {
     /// Rays that come near subnormal numbers are undecided.
     pub flushes: bool,
-    /// Whether what has margins may use the device's fused multiply-add.
+    /// Use of the device's fused multiply-add for what has margins.
     pub near_fma: Fma,
     pub sides: Sides,
 }

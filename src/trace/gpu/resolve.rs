@@ -178,7 +178,7 @@ impl Resolver {
     }
 }
 
-/// What the candidates of a dispatch have decided.
+/// The decisions of a dispatch's candidates.
 struct Resolved {
     report: DeviceReport,
     /// Indices of rays that the CPU has to trace.

@@ -188,7 +188,7 @@ impl GpuTracer {
         }
     }
 
-    /// How many attempts to replace a lost device there were before the device in use was opened.
+    /// The number of attempts to replace a lost device before the device in use was opened.
     pub fn replacements(&self) -> u32 {
         self.shared.device().gpu.replacement.number()
     }

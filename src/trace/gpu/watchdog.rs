@@ -39,7 +39,7 @@ impl Watchdog {
         self.most
     }
 
-    /// How long a dispatch may take now.
+    /// The time that a dispatch may take now.
     pub fn limit(&self) -> Duration {
         match self.slowest_ns.load(Ordering::Relaxed) {
             0 => self.most,
