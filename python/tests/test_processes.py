@@ -107,8 +107,10 @@ def hash_of(mesh, question):
     return mesh.cast(question).hash()
 
 
+# A shell's jobs in the background ignore interrupts, and so do their children unless they say otherwise.
 LONG = """
-import sys, time, numpy as np, raystream as rs
+import signal, sys, time, numpy as np, raystream as rs
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, sys.argv[1])
 from shapes import icosphere
 mesh = rs.Mesh(*icosphere(5))

@@ -221,8 +221,10 @@ class Errors(unittest.TestCase):
         self.assertIn("no light", logged.output[0])
 
 
+# A shell's jobs in the background ignore interrupts, and so do their children unless they say otherwise.
 ENDLESS = """
-import sys, raystream as rs
+import signal, sys, raystream as rs
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, sys.argv[1])
 from shapes import icosphere
 print("ready", flush=True)
