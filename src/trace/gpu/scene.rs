@@ -12,6 +12,9 @@ use crate::bvh::Bvh;
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
+/// Makes the source of a kernel of candidates for scenes of a shape.
+type Source = fn(Kernel, &Shape) -> String;
+
 /// The kernels that a scene gets.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kernels {
@@ -19,7 +22,7 @@ pub(super) enum Kernels {
     Best,
     /// Those of candidates, with this source.
     #[cfg(test)]
-    Candidates(fn(Kernel, &Shape) -> String),
+    Candidates(Source),
     /// Those of exact hits in this form, or none.
     #[cfg(test)]
     Exact(Form),
@@ -123,7 +126,7 @@ impl Kernels {
         if gpu.fault() == Some(Fault::Refused) {
             return Err(refused("refused, as requested".to_owned()));
         }
-        let (exact, source): (Result<ExactKernels, Refusal>, fn(Kernel, &Shape) -> String) = match self {
+        let (exact, source): (Result<ExactKernels, Refusal>, Source) = match self {
             Self::Best => (ExactKernels::new(gpu, shape, layouts), Kernel::source),
             #[cfg(test)]
             Self::Candidates(source) => (Err(Refusal::Lost("candidates, as requested".into())), source),
