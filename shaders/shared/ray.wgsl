@@ -81,7 +81,7 @@ fn prepare(ray: Ray, scene_max_abs: u32, prepared: ptr<function, PreparedRay>) -
     (*prepared).forward = sign == vec3<u32>(0u);
     (*prepared).octant = (sign.x >> 31u) | (sign.y >> 30u) | (sign.z >> 29u);
     (*prepared).t_min = bitcast<f32>(select(low, 0u, (low & SIGN) != 0u));
-    (*prepared).t_max = bitcast<f32>(select(min(high, LARGEST_WORD), 0u, high == SIGN));
+    (*prepared).t_max = bitcast<f32>(select(min(high, bitcast<u32>(LARGEST_FLOAT)), 0u, high == SIGN));
     (*prepared).slack = slack;
     return CERTAIN;
 }

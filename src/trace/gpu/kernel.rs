@@ -134,7 +134,6 @@ fn constants(shape: &Shape) -> String {
         ("MIN_COMPONENT", MIN_COMPONENT.to_bits()),
         ("SLACK", SLACK.to_bits()),
         ("LEAST_PAD", layout::LEAST_PAD.to_bits()),
-        ("LARGEST_WORD", f32::MAX.to_bits()),
     ];
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
