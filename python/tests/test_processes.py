@@ -1,5 +1,6 @@
 """Forks, threads, interrupts, pickles."""
 
+import contextlib
 import copy
 import multiprocessing
 import os
@@ -129,7 +130,10 @@ hits = mesh.cast(points[:10], points[10:20])
 class Interrupts(unittest.TestCase):
     def test_a_long_call_is_interrupted(self):
         command = [sys.executable, "-c", LONG, os.path.dirname(os.path.abspath(__file__))]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        with process, contextlib.ExitStack() as at_end:
+            # Whatever fails: leaving the process waits for its end.
+            at_end.callback(process.kill)
             self.assertEqual(process.stdout.readline(), "ready\n")
             time.sleep(0.5)
             begun = time.monotonic()

@@ -1,5 +1,6 @@
 """Pictures: the same as everywhere, arrays, files, errors, progress, interrupts."""
 
+import contextlib
 import io
 import json
 import logging
@@ -257,7 +258,10 @@ class Processes(unittest.TestCase):
 
     def test_a_picture_is_interrupted(self):
         command = [sys.executable, "-c", ENDLESS, os.path.dirname(os.path.abspath(__file__))]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        with process, contextlib.ExitStack() as at_end:
+            # Whatever fails: leaving the process waits for its end.
+            at_end.callback(process.kill)
             self.assertEqual(process.stdout.readline(), "ready\n")
             time.sleep(1)
             begun = time.monotonic()

@@ -1,11 +1,17 @@
 // What the kernels of exact hits share: triangles that `open_triangles` leaves are tested canonically at once, so a hit
 // is the host's to the bit and traversal goes on with its distance. Left to the host are rays whose arithmetic came
-// near subnormal numbers on a device that may flush them, and rays that meet a masked triangle before anything else.
+// near subnormal numbers on a device that may flush them, and rays that meet a triangle before anything else about which
+// the filter decides and no table does.
 
 @group(1) @binding(3) var<storage, read_write> undecided_rays: array<atomic<u32>>;
 
+// Decisions about a hit of a masked leaf.
+const COUNTED: u32 = 0u;
+const IGNORED: u32 = 1u;
+const OF_FILTER: u32 = 2u;
+
 // Words. `t` is the distance of the nearest hit, at first the end of the ray's interval; `masked` that of the nearest
-// hit about which alpha decides.
+// hit about which the filter decides.
 struct Found {
     t: u32,
     u: u32,
@@ -34,17 +40,21 @@ fn take(ray: PreparedRay, triangle: Triangle, member: TreeInstance, found: ptr<f
     if hit.is_hit == 0u {
         return false;
     }
-    if triangle.is_masked {
-        (*found).masked = min((*found).masked, hit.t);
+    // No t is below zero, so words compare as the numbers do.
+    if hit.t > (*found).t || (hit.t == (*found).t && triangle.primitive >= (*found).primitive) {
         return false;
     }
-    // No t is below zero, so words compare as the numbers do.
-    if hit.t < (*found).t || (hit.t == (*found).t && triangle.primitive < (*found).primitive) {
-        (*found).t = hit.t;
-        (*found).u = hit.u;
-        (*found).v = hit.v;
-        (*found).primitive = triangle.primitive;
+    if triangle.is_masked {
+        let decision = alpha_decision(triangle.primitive, hit.u, hit.v);
+        if decision != COUNTED {
+            (*found).masked = select((*found).masked, min((*found).masked, hit.t), decision == OF_FILTER);
+            return false;
+        }
     }
+    (*found).t = hit.t;
+    (*found).u = hit.u;
+    (*found).v = hit.v;
+    (*found).primitive = triangle.primitive;
     return (*found).is_any;
 }
 

@@ -173,13 +173,10 @@ impl Device {
     /// The same tree on the same GPU with another filter; `host` traces the tree with that filter.
     pub(super) fn with_filter(&self, filter: Option<Arc<dyn Filter>>, host: Arc<dyn Tracer>) -> Self {
         let (name, former) = (self.0.name.clone(), Arc::clone(&self.0));
-        let with_filter = move |tracer: &GpuTracer| tracer.with_filter(filter, host);
-        let tracer = match self.0.tracer.get() {
-            Some(Ok(tracer)) => Opening::made(with_filter(tracer)),
-            _ => Opening::start("upload", move || {
-                former.tracer.wait().as_ref().map(with_filter).map_err(String::clone)
-            }),
-        };
+        let tracer = Opening::start("upload", move || {
+            let tracer = former.tracer.wait().as_ref().map_err(String::clone)?;
+            tracer.with_filter(filter, host).map_err(|error| error.to_string())
+        });
         Self(Arc::new(LateTracer { name, tracer }))
     }
 }

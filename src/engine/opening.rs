@@ -24,11 +24,6 @@ impl<T: Send + Sync + 'static> Opening<T> {
         Self { made, thread: Mutex::new(thread.ok()) }
     }
 
-    /// A value that has been made.
-    pub fn made(value: T) -> Self {
-        Self { made: Arc::new(OnceLock::from(Ok(value))), thread: Mutex::default() }
-    }
-
     /// The value, if it has been made.
     pub fn get(&self) -> Option<&Result<T, String>> {
         self.made.get()
@@ -63,7 +58,6 @@ mod tests {
         assert_eq!(opening.get(), None);
         send.send(5).expect("the thread listens");
         assert_eq!((opening.wait(), opening.get()), (&Ok(5), Some(&Ok(5))));
-        assert_eq!(Opening::made(7).get(), Some(&Ok(7)));
         let panics: Opening<()> = Opening::start("test", || panic!("as it should"));
         assert_eq!(panics.wait(), &Err("it panicked: as it should".to_owned()));
     }

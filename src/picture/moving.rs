@@ -33,8 +33,8 @@ impl Moving {
         Self { options, memory, units, kept: Arc::default() }
     }
 
-    /// The scene at a time. Its light is that of the scene that the rendering was opened with: what that lacked, and
-    /// was assumed, is assumed for all times.
+    /// The scene at a time. Its light, and the width of its points and lines, are those of the scene that the rendering
+    /// was opened with: what that lacked, and was assumed, is assumed for all times.
     fn scene(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
         let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         {
@@ -53,7 +53,10 @@ impl Moving {
             "a scene that moves is read anew for each frame; name a file"
         );
         // Its warnings have been told.
-        let mut scene = load_with(path, &self.options.clone().with_time(seconds))?;
+        let options = self.options.clone().with_time(seconds);
+        let width = opened.prepared().scene.stroke_width;
+        let mut scene =
+            load_with(path, &width.iter().fold(options, |options, &width| options.with_stroke_width(width)))?;
         drop(checked.change_materials(&mut scene)?);
         scene.environment = opened.prepared().scene.environment.clone();
         let bytes = PreparedScene::building_bytes(&scene);

@@ -107,9 +107,9 @@ impl Shading<'_, '_> {
         let up = sampler.two(Int::splat(l, CAMERA_DIMENSION + 1));
         let to = at.basis.world(warp::cosine_hemisphere(up));
         // A bent normal may point a direction into the surface, where nothing is open.
-        let lanes = lanes & to.dot(at.normal).above(0.0);
+        let lanes = lanes & at.is_above(to);
         let t_max = Num::splat(l, self.shader.reach);
-        let rays = NewRays { origin: at.origin(at.raised, to), direction: to, t_max }.rows(lanes);
+        let rays = NewRays { origin: at.scattered_origin(to), direction: to, t_max }.rows(lanes);
         let mut pixels = L::array(0);
         let count = target.append(lanes, pixels.as_mut());
         self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), pixels.as_ref());

@@ -411,7 +411,7 @@ impl Shading<'_, '_> {
         let frame = self.frame;
         let light = light_sample(frame, receiver, sampler, state.depth);
         let wi = at.basis.local(light.wi);
-        let mut reached = light.wi.dot(at.normal).above(0.0);
+        let mut reached = at.is_above(light.wi);
         if bsdf.is_frosted() {
             // Light from below counts too, if both normals agree that it is below.
             reached = !(reached ^ wi.z.above(0.0));
@@ -456,7 +456,7 @@ impl Shading<'_, '_> {
         }
         // A bent normal may scatter into the wrong side of the surface; such directions carry no light.
         let crosses = sample.crosses;
-        let mut lanes = lanes & sample.valid & (specular | (wi.dot(at.normal).above(0.0) ^ crosses));
+        let mut lanes = lanes & sample.valid & (specular | (at.is_above(wi) ^ crosses));
         let (weight, takes) = place.dispersed(sample.weight, crosses, state);
         let mut throughput = state.throughput * weight;
         let index2 = state.index2 * sample.eta * sample.eta;
@@ -473,7 +473,6 @@ impl Shading<'_, '_> {
             }
         }
         lanes &= !throughput.is_zero();
-        let from = Vector::select(specular | crosses, at.position, at.raised);
         let far = Num::splat(u.lanes(), f32::INFINITY);
         let pdf = Num::select(specular, far, sample.pdf);
         let cone = state.cone.scattered(pdf);
@@ -482,7 +481,8 @@ impl Shading<'_, '_> {
             let one_channel = Int::splat(u.lanes(), ONE_CHANNEL);
             next.one_channel = Int::select(takes, one_channel, next.one_channel);
         }
-        let origin = at.origin(from, wi);
+        let from_surface = at.origin(at.position, wi);
+        let origin = Vector::select(specular | crosses, from_surface, at.scattered_origin(wi));
         let last = lanes & !depth.below(self.frame.settings().max_bounces + 1);
         if last.any() {
             lanes &= !self.end(&next, origin, wi, last);

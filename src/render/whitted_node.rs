@@ -120,7 +120,7 @@ impl<'a, L: Lanes> Node<'a, L> {
         let (value, _) = self.bsdf.evaluate(at.basis.local(at.wo), at.basis.local(light.wi));
         let (origin, direction, t_max) = light.rays(at);
         Sent {
-            lanes: light.valid & light.wi.dot(at.normal).above(0.0) & !value.is_zero(),
+            lanes: light.valid & at.is_above(light.wi) & !value.is_zero(),
             origin,
             direction,
             t_max,

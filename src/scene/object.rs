@@ -1,6 +1,7 @@
 //! The object table: which triangles belong to which object of the scene file.
 
-use crate::lanes::{Int, Lanes};
+use crate::lanes::{Int, Lanes, Vector};
+use glam::DMat4;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -44,14 +45,23 @@ impl Object {
 /// assert_eq!((objects.of(11), objects.of(12)), (Some(table), Some(leg)));
 /// assert_eq!(objects.path(leg), "table/leg");
 /// ```
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Objects {
     list: Vec<Object>,
     /// The first triangle of each run, ascending; the first is 0.
     starts: Vec<u32>,
     /// The object of each run, or [`Objects::NONE`].
     owners: Vec<u32>,
+    /// For each object the three rows of the matrix from the world into its own space; empty if that is the world for
+    /// all of them.
+    spaces: Vec<f32>,
 }
+
+/// Numbers of an object in [`Objects::spaces`].
+const SPACE: usize = 12;
+
+/// The rows of the identity.
+const WORLD: [f32; SPACE] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 impl Objects {
     /// The index that [`Objects::at`] returns for a triangle without an object.
@@ -60,7 +70,29 @@ impl Objects {
     /// Adds an object without triangles; returns its index.
     pub fn add(&mut self, object: Object) -> u32 {
         self.list.push(object);
+        if !self.spaces.is_empty() {
+            self.spaces.extend(WORLD);
+        }
         self.list.len() as u32 - 1
+    }
+
+    /// Places an object: `placement` leads from its own space into the world. Without an inverse, the object's space
+    /// remains the world.
+    ///
+    /// # Panics
+    /// If there is no such object.
+    pub fn place(&mut self, object: u32, placement: &DMat4) {
+        assert!((object as usize) < self.list.len(), "object {object} of {}", self.list.len());
+        let inverse = placement.inverse();
+        let rows = [0, 1, 2].map(|row| inverse.row(row).as_vec4().to_array());
+        let space = rows.as_flattened();
+        if *space == WORLD || !space.iter().all(|number| number.is_finite()) {
+            return;
+        }
+        if self.spaces.is_empty() {
+            self.spaces = WORLD.repeat(self.list.len());
+        }
+        self.spaces[object as usize * SPACE..][..SPACE].copy_from_slice(space);
     }
 
     /// Assigns the triangles from `first` on to an object, up to the next assignment.
@@ -148,6 +180,24 @@ impl Objects {
         owner
     }
 
+    /// Points of the world on triangles, one in each lane, in the own space of the triangle's object.
+    #[inline(always)]
+    pub fn local_at<L: Lanes>(&self, primitive: Int<L>, position: Vector<L>) -> Vector<L> {
+        let Some(last) = (self.spaces.len() / SPACE).checked_sub(1) else { return position };
+        let object = self.at(primitive);
+        let [a, b, c, d, e, f, g, h, i, j, k, l] = object.at_most(last as u32).rows_of::<SPACE>(&self.spaces);
+        let Vector { x, y, z } = position;
+        let local =
+            Vector::new(a * x + b * y + c * z + d, e * x + f * y + g * z + h, i * x + j * y + k * z + l);
+        Vector::select(object.is(Self::NONE), position, local)
+    }
+
+    /// True if each object has its space, or none has one, and all numbers are finite.
+    pub(super) fn has_sound_spaces(&self) -> bool {
+        let is_complete = self.spaces.is_empty() || self.spaces.len() == SPACE * self.list.len();
+        is_complete && self.spaces.iter().all(|number| number.is_finite())
+    }
+
     /// The runs of triangles with their objects, in the order of the triangles, of a mesh of `triangles` triangles.
     pub fn runs(&self, triangles: u32) -> impl Iterator<Item = (Range<u32>, Option<u32>)> {
         let ends = self.starts.iter().skip(1).copied().chain([triangles]);
@@ -158,16 +208,17 @@ impl Objects {
             .map(|((&start, end), &owner)| (start..end, Some(owner).filter(|&owner| owner != Self::NONE)))
     }
 
-    /// Columns that pictures can depend on: the first triangle and the object of each run.
-    pub(super) fn columns(&self) -> [&[u32]; 2] {
-        [&self.starts, &self.owners]
+    /// Columns that pictures can depend on: the first triangle and the object of each run, and the words of spaces.
+    pub(super) fn columns(&self) -> [&[u32]; 3] {
+        [&self.starts, &self.owners, bytemuck::cast_slice(&self.spaces)]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{LaneTask, SimdLevel};
+    use crate::lanes::{LaneTask, SimdLevel, SingleLane};
+    use glam::{DVec3, Vec3};
 
     /// Objects 0, 1, 2, .. with these first triangles.
     fn table(starts: &[u32]) -> Objects {
@@ -221,6 +272,32 @@ mod tests {
         objects.assign(9, 1);
         objects.assign(9, 0);
         assert_eq!(objects.runs(11).count(), 4);
+    }
+
+    #[test]
+    fn points_are_found_in_the_space_of_their_object() {
+        let mut objects = table(&[0, 2, 4]);
+        let turn = DMat4::from_rotation_z(std::f64::consts::FRAC_PI_2);
+        objects.place(
+            1,
+            &(DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))
+                * turn
+                * DMat4::from_scale(DVec3::splat(2.0))),
+        );
+        objects.place(2, &DMat4::ZERO);
+        let fourth = objects.add(Object::new("3"));
+        objects.assign(6, fourth);
+        let local = |primitive: u32| {
+            let at: Vector<SingleLane> = Vec3::new(1.0, 4.0, 3.0).into();
+            Vec3::from(objects.local_at(primitive.into(), at))
+        };
+        for primitive in [0, 1, 4, 6] {
+            assert_eq!(local(primitive), Vec3::new(1.0, 4.0, 3.0), "the world");
+        }
+        assert!((local(3) - Vec3::X).length() < 1e-6, "{}", local(3));
+        assert!(objects.has_sound_spaces());
+        objects.spaces.pop();
+        assert!(!objects.has_sound_spaces());
     }
 
     #[test]

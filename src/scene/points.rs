@@ -145,6 +145,10 @@ points! {
             "The object in the scene's object table; each instance is an object of its own.", Points::object_here;
         uv1: Vec2f as [Num<L>; 2], "texture coordinates", "finite",
             "Texture coordinates of the mesh's second set; those of the first without one.", Points::second_uv_here;
+        object_position: Vec3f as Vector<L>, "units of the object", "finite",
+            "Position in the object's own space: that of a glTF node, and of a recipe's shape about its centre. It moves \
+             and turns with the object. Where there is none, position.",
+            Points::object_position_here;
     }
 }
 
@@ -315,6 +319,11 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn object_here(&self) -> Int<L> {
         self.scene.objects.at(self.primitive)
+    }
+
+    #[inline(always)]
+    fn object_position_here(&self) -> Vector<L> {
+        self.scene.objects.local_at(self.primitive, self.position)
     }
 }
 

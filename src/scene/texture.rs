@@ -29,7 +29,7 @@ pub enum Wrap {
 }
 
 /// A scalar derived from a texture's RGBA.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Channel {
     /// Red.
@@ -79,6 +79,9 @@ pub struct Texture {
     pub mipmap: Mipmap,
 }
 
+/// Value of a byte's unit in linear images.
+const BYTE_SCALE: f32 = 1.0 / 255.0;
+
 /// A material's reference to a texture, with glTF's texture transform (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TextureRef {
@@ -104,11 +107,16 @@ impl TextureRef {
     #[inline(always)]
     pub fn transform<L: Lanes>(&self, [u, v]: [Num<L>; 2]) -> [Num<L>; 2] {
         let (x, y) = (u * self.scale.x, v * self.scale.y);
-        if self.rotation == 0.0 {
+        let Some([s, c]) = self.sine_and_cosine() else {
             return [x + self.offset.x, y + self.offset.y];
-        }
-        let (s, c) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
+        };
         [c * x + s * y + self.offset.x, c * y - s * x + self.offset.y]
+    }
+
+    /// Sine and cosine of the rotation, if there is one.
+    #[inline(always)]
+    pub(crate) fn sine_and_cosine(&self) -> Option<[f32; 2]> {
+        (self.rotation != 0.0).then(|| [libm::sinf(self.rotation), libm::cosf(self.rotation)])
     }
 
     /// Scales a footprint's width from mesh coordinates to texture coordinates.
@@ -155,6 +163,21 @@ impl Texture {
         footprint: &Footprint<L>,
     ) -> Num<L> {
         channel.of(self.look_up(place, footprint))
+    }
+
+    /// The bytes of a channel in the image itself, one plane or three whose mean is the channel, and each byte's value.
+    pub(crate) fn planes(&self, channel: Channel) -> (Vec<Vec<u8>>, [f32; 256]) {
+        let plane = |index: usize| self.image().iter().map(|texel| texel[index]).collect();
+        let linear = std::array::from_fn(|byte| byte as f32 * BYTE_SCALE);
+        let colours = if self.space == ColourSpace::Srgb { *srgb::table() } else { linear };
+        match channel {
+            Channel::R => (vec![plane(0)], colours),
+            Channel::G => (vec![plane(1)], colours),
+            Channel::B => (vec![plane(2)], colours),
+            Channel::A if self.stores_roughness() => (vec![plane(3)], [1.0; 256]),
+            Channel::A => (vec![plane(3)], linear),
+            Channel::Luminance => ([0, 1, 2].map(plane).into(), colours),
+        }
     }
 
     /// [`Texture::look_up`] of the image itself at one point.
@@ -214,10 +237,10 @@ impl Texture {
         // `Arc` aligns texels to words, because its counters precede them.
         let [texel] = index.rows(bytemuck::cast_slice(&self.texels));
         let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
-        const SCALE: f32 = 1.0 / 255.0;
-        let alpha = (texel >> 24).to_num() * SCALE;
+        let linear = |byte: Int<L>| byte.to_num() * BYTE_SCALE;
+        let alpha = linear(texel >> 24);
         match self.space {
-            ColourSpace::Linear => [r.to_num() * SCALE, g.to_num() * SCALE, b.to_num() * SCALE, alpha],
+            ColourSpace::Linear => [linear(r), linear(g), linear(b), alpha],
             ColourSpace::Srgb => {
                 let table = srgb::table();
                 [r.of(table), g.of(table), b.of(table), alpha]

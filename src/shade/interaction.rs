@@ -41,7 +41,7 @@ pub struct Interaction<L: Lanes> {
     pub finish: Option<Finish<L>>,
     /// Start of scattered rays (not mirrored or refracted ones): `position` raised to the surface that the
     /// vertex normals suggest. The edges of a smooth body of few triangles then cast no shadows on it (Hanika
-    /// 2021, *Hacking the Shadow Terminator*).
+    /// 2021, *Hacking the Shadow Terminator*), and [`Interaction::is_above`] lets light from below its facets in.
     pub raised: Vector<L>,
     /// Distance from the triangle at which rays start.
     offset: Num<L>,
@@ -215,12 +215,35 @@ impl<L: Lanes> Interaction<L> {
         point + self.normal * Num::select(below, -self.offset, self.offset)
     }
 
-    /// The start of scattered rays towards `wi`: [`Interaction::raised`] or, if `wi` points below the
-    /// triangle, [`Interaction::position`], with an offset.
+    /// Lanes in which scattered rays start above the triangle by more than its rounding.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn is_raised(&self) -> Mask<L> {
+        (self.raised - self.position).dot(self.normal).gt(self.offset)
+    }
+
+    /// Lanes in which `wi` points away from the surface: above the triangle or, where rays start above it, above the
+    /// shading normal's plane. Such a ray from [`Interaction::raised`] is not stopped by the triangle itself, so light
+    /// from below a facet ends where it does on the smooth body (Hanika 2021).
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn is_above(&self, wi: Vector<L>) -> Mask<L> {
+        wi.dot(self.normal).above(0.0) | (self.is_raised() & wi.dot(self.basis.normal).above(0.0))
+    }
+
+    /// The start of scattered rays towards `wi`: [`Interaction::raised`] or, if `wi` points below the surface
+    /// ([`Interaction::is_above`]), [`Interaction::position`], with an offset.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn scattered_origin(&self, wi: Vector<L>) -> Vector<L> {
-        let below = wi.dot(self.normal).below(0.0);
-        self.origin(Vector::select(below, self.position, self.raised), wi)
+        let rises = self.is_raised() & wi.dot(self.basis.normal).above(0.0);
+        let below = wi.dot(self.normal).below(0.0) & !rises;
+        let point = Vector::select(below, self.position, self.raised);
+        point + self.normal * Num::select(below, -self.offset, self.offset)
+    }
+
+    /// The normal above which light reaches the points: that of the triangle, or the shading normal where scattered
+    /// rays start above it.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn facing(&self) -> Vector<L> {
+        Vector::select(self.is_raised(), self.basis.normal, self.normal)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The GPU tracer against the definition, on any adapter there is: these tests fail without one.
 
+mod alpha;
 mod appearances;
 mod exact;
 mod failure;

@@ -79,6 +79,7 @@ fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     scalars.extend(vector(at.vertex_colour()));
     scalars.extend([at.vertex_alpha().to_bits(), at.object()]);
     scalars.extend(at.uv1().map(Num::to_bits));
+    scalars.extend(vector(at.object_position()));
     assert_eq!(scalars.len(), POINT_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
     scalars
 }

@@ -3,6 +3,7 @@
 use crate::document::Document;
 use crate::folder::{Folder, assert_holds, warns};
 use glam::Vec3;
+use raystream::lanes::{SingleLane, Vector};
 use raystream::memory::MemoryBudget;
 use raystream::scene::load::LoadOptions;
 use serde_json::{Value, json};
@@ -42,6 +43,18 @@ fn instances_are_placed_below_their_node_and_share_a_shape() {
     for (number, &object) in (0..).zip(&named) {
         assert_eq!(scene.objects.path(object), "leaf/leaf");
         assert_eq!(scene.objects.get(object).expect("an object").instance, Some(number));
+    }
+}
+
+#[test]
+fn each_instance_has_a_space_of_its_own() {
+    let scene = instanced().scene();
+    for primitive in 0..3 {
+        for (corner, own) in scene.mesh.corners(primitive).into_iter().zip([Vec3::ZERO, Vec3::X, Vec3::Y]) {
+            let corner: Vector<SingleLane> = corner.into();
+            let found = Vec3::from(scene.objects.local_at(primitive.into(), corner));
+            assert!((found - own).length() < 1e-5, "{primitive}: {found}, not {own}");
+        }
     }
 }
 

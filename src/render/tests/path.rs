@@ -7,8 +7,8 @@ use crate::lanes::SimdLevel;
 use crate::render::{Integrator, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
     Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, DiffuseTransmission, Emission,
-    Environment, EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Surface, Texture,
-    TextureRef,
+    Environment, EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
@@ -113,6 +113,59 @@ fn white_bodies_vanish_in_a_white_furnace() {
         // Its paths meet many facets, each with a weight of its own.
         let noise = if is_frosted { 0.6 } else { 0.25 };
         assert!(worst < noise, "{name}: a pixel is off by {worst}");
+    }
+}
+
+/// The sum of what the pixels of two spheres show where the light's cosine on the finer one is within bounds: first of
+/// 320 triangles, then of 20,480.
+fn near_the_terminator(cosines: std::ops::Range<f32>, sun: impl Fn(&mut Scene)) -> [f32; 2] {
+    let [coarse, fine] = [2, 5].map(|levels| {
+        let mut scene = furnace(Material::matte("", Vec3::ONE), levels, true);
+        scene.environment = Environment::Constant(Vec3::ZERO);
+        sun(&mut scene);
+        let settings = Settings { width: 96, height: 96, max_bounces: 0, spp: 16, ..SETTINGS };
+        picture(scene, settings)
+    });
+    let cosine = |pixel: &Vec3| pixel.x * std::f32::consts::PI;
+    let band = coarse.iter().zip(&fine).filter(|(_, fine)| cosines.contains(&cosine(fine)));
+    band.fold([0.0; 2], |[a, b], (coarse, fine)| [a + coarse.x, b + fine.x])
+}
+
+#[test]
+fn the_shadow_terminator_of_few_triangles_is_that_of_a_smooth_body() {
+    // Across the view: at the silhouette normals are bent towards the viewer.
+    for direction in [Vec3::new(1.0, 0.0, 0.2), Vec3::new(-0.3, -1.0, 0.0), Vec3::new(0.7, 0.6, -0.1)] {
+        let direction = direction.normalize();
+        let sun = |scene: &mut Scene| {
+            let shape = LightShape::Directional { direction };
+            scene.lights.push(Light { name: String::new(), intensity: Vec3::ONE, shape });
+        };
+        let [coarse, fine] = near_the_terminator(0.02..0.1, sun);
+        assert!(fine > 1.0, "few pixels: {fine}");
+        assert!((coarse / fine - 1.0).abs() < 0.2, "{direction}: {coarse}, not {fine}");
+    }
+}
+
+#[test]
+fn a_smooth_body_of_few_triangles_vanishes_in_a_white_furnace() {
+    for material in [Material::matte("", Vec3::ONE), principled(|s| s.roughness = Scalar::constant(0.6))] {
+        let surface = material.surface;
+        let pixels = picture(furnace(material, 2, true), SETTINGS);
+        let off = mean(&pixels) - Vec3::ONE;
+        assert!(off.abs().max_element() < 4e-3, "{off} from {surface:?}");
+    }
+}
+
+#[test]
+fn velvet_loses_little_in_a_white_furnace() {
+    for fibres in [0.2, 0.5, 0.8, 1.0] {
+        let material = principled(|s| {
+            let (colour, roughness) = (Colour::constant(Vec3::ONE), Scalar::constant(fibres));
+            s.sheen = Some(Sheen { colour, roughness });
+        });
+        let off =
+            mean(&picture(furnace(material, 3, true), Settings { max_bounces: 100, ..SETTINGS })) - Vec3::ONE;
+        assert!(off.abs().max_element() < 0.02, "fibres of roughness {fibres}: {off}");
     }
 }
 

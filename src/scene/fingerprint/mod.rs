@@ -31,7 +31,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 /// Version of the encoding that [`Scene::fingerprint`] hashes. The version is hashed as well, so fingerprints of
 /// different versions differ.
-pub const FINGERPRINT_VERSION: u32 = 2;
+pub const FINGERPRINT_VERSION: u32 = 3;
 
 /// The first bytes of a scene's encoding.
 const HEADER: &[u8; 15] = b"raystream scene";
@@ -255,6 +255,7 @@ impl Encode for Scene {
             options: _,
             warnings: _,
             is_animated: _,
+            stroke_width: _,
             variants: _,
             files: _,
         } = self;

@@ -34,6 +34,7 @@ struct Small {
     options: BTreeMap<String, String>,
     warnings: Vec<String>,
     is_animated: bool,
+    stroke_width: Option<f32>,
     variants: Vec<String>,
     files: Vec<PathBuf>,
 }
@@ -81,6 +82,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         options,
         warnings,
         is_animated,
+        stroke_width,
         variants,
         files,
     } = scene;
@@ -119,6 +121,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         options: options.clone(),
         warnings: warnings.clone(),
         is_animated: *is_animated,
+        stroke_width: *stroke_width,
         variants: variants.clone(),
         files: files.clone(),
     };
@@ -203,6 +206,7 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
         options: small.options,
         warnings: small.warnings,
         is_animated: small.is_animated,
+        stroke_width: small.stroke_width,
         variants: small.variants,
         files: small.files,
     })

@@ -66,6 +66,7 @@ fn scene() -> Scene {
     scene.options = [("path.depth".to_owned(), "3".to_owned())].into();
     scene.warnings = vec!["A sentence.".into()];
     scene.is_animated = true;
+    scene.stroke_width = Some(0.25);
     scene.variants = vec!["red".into()];
     scene.files = vec![PathBuf::from("wood.png")];
     scene.validate().expect("a valid scene");

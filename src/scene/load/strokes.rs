@@ -164,11 +164,16 @@ impl Strokes {
     }
 
     /// Gives balls and tubes their width in the scene, one that follows from the box of all positions unless it is
-    /// given.
-    pub(super) fn finish(self, mesh: &mut TriangleMesh, width: Option<f32>, warnings: &mut Warnings) {
+    /// given. Returns it, if there are any.
+    pub(super) fn finish(
+        self,
+        mesh: &mut TriangleMesh,
+        width: Option<f32>,
+        warnings: &mut Warnings,
+    ) -> Option<f32> {
         let Self { vertices, balls, tubes } = self;
         if balls + tubes == 0 {
-            return;
+            return None;
         }
         let placed = mesh.positions.iter().copied().filter(|position| position.is_finite());
         let bounds = Aabb::around(placed);
@@ -196,6 +201,7 @@ impl Strokes {
             "Points and lines have no surface: {}, {told} wide (--stroke-width).",
             shown.join(" and ")
         ));
+        Some(width)
     }
 }
 

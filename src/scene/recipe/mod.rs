@@ -184,6 +184,7 @@ impl Recipe {
             })?;
             let owner = scene.objects.add(super::Object::new(place()));
             scene.objects.assign(scene.mesh.triangles.len() as u32, owner);
+            scene.objects.place(owner, &object.shape.placement());
             let tessellated = object.shape.tessellate(*material, &mut scene.mesh);
             tessellated.map_err(|problem| RecipeError::Range { place: place(), problem })?;
         }

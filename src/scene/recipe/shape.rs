@@ -2,7 +2,7 @@
 
 use super::{positive, readable, within};
 use crate::scene::{MeshSize, TriangleMesh};
-use glam::{Quat, Vec2, Vec3};
+use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
 use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -158,6 +158,19 @@ impl Shape {
                 sheet([*cells; 2], 1)
             }
         })
+    }
+
+    /// The way from the shape's own space into the world: its turn about its centre.
+    pub(super) fn placement(&self) -> DMat4 {
+        let (centre, degrees) = match self {
+            Self::Quad { .. } | Self::Polygon { .. } => return DMat4::IDENTITY,
+            Self::Block { centre, turn_degrees, .. } | Self::Knot { centre, turn_degrees, .. } => {
+                (centre, *turn_degrees)
+            }
+            Self::Sphere { centre, .. } | Self::Terrain { centre, .. } => (centre, 0.0),
+        };
+        let turn = DQuat::from_axis_angle(DVec3::Y, f64::from(degrees).to_radians());
+        DMat4::from_rotation_translation(turn, centre.as_dvec3())
     }
 
     /// Appends the shape's triangles, as many as [`Shape::size`] says. An error names a number that is out of range.

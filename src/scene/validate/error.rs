@@ -146,6 +146,9 @@ pub enum SceneError {
         /// Number of objects.
         count: usize,
     },
+    /// The spaces of objects are of another table, or not finite.
+    #[error("the object table has spaces of another number of objects, or numbers that are not finite")]
+    ObjectSpaces,
     /// The scene's camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),

@@ -110,6 +110,7 @@ impl Scene {
             options: _,
             warnings: _,
             is_animated: _,
+            stroke_width: _,
             variants: _,
             files: _,
         } = self;
@@ -138,7 +139,8 @@ impl Scene {
 fn check_objects(objects: &Objects) -> Result<(), SceneError> {
     let is_inside = |object: &Object| object.parent.is_none_or(|parent| (parent as usize) < objects.len());
     match objects.iter().position(|object| !is_inside(object)) {
-        None => Ok(()),
+        None if objects.has_sound_spaces() => Ok(()),
+        None => Err(SceneError::ObjectSpaces),
         Some(index) => Err(SceneError::Parent { index, count: objects.len() }),
     }
 }

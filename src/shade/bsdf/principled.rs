@@ -7,7 +7,8 @@
 //! - The coat passes `p = 1 − E_coat`. Light scattered by the surface below passes by `p(wo) p(wi) / p_mean`.
 //!   Light reflected or refracted by its facets passes by the lesser of `p(wo)` and `p(wi)`, which are equal
 //!   for a mirror. Further coats do the same ([`super::coat_stack`]).
-//! - Sheen passes the lesser of the shares that it leaves towards `wo` and towards `wi`.
+//! - Sheen passes light scattered by the surface below by `p(wo) p(wi) / p_mean`, as coats do, and of light that facets
+//!   reflect or refract the lesser of both shares.
 //! - The dielectric layer passes `(1 − E(wo)) (1 − E(wi)) / (1 − E_mean)` to the diffuse base. This is
 //!   reciprocal and integrates to `1 − E(wo)`. It passes `1 − E(wo)` to the transparent base. Where glossiness
 //!   is given, E is that of the brightest channel.
@@ -16,8 +17,8 @@
 //!   squared index, as everywhere. From inside, only the reciprocal of that square of it crosses, and the rest is
 //!   scattered back.
 //!
-//! So a white surface returns all light that falls on it, at every roughness. Exceptions are sheen, which
-//! loses some light, and a coat over rough facets, which loses up to a twelfth.
+//! So a white surface returns all light that falls on it, at every roughness. Exceptions are sheen over facets,
+//! which loses some of their light, and a coat over rough facets, which loses up to a twelfth.
 //!
 //! A thin film replaces the Fresnel term of single bounces, but not that of further bounces. Under a film the
 //! base gets the lesser of the shares that pass towards `wo` and `wi` in the brightest channel.
@@ -483,23 +484,32 @@ impl<L: Lanes> Principled<L> {
             value = value * scattering.scattered;
             across_stack = Some(scattering);
         }
+        let mut fibres = None;
+        if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
+            let shares = [near, sheen.share(wi.z.abs())];
+            value = value * sheen.passed_both_ways(shares);
+            fibres = Some((sheen, shares));
+        }
+        // Light of facets below the fibres.
+        let below = |light: Vector<L>| match fibres {
+            None => light,
+            Some((sheen, [near, far])) => light * sheen.passed(near).min(sheen.passed(far)),
+        };
         let facet_cosine = half.dot(wo);
         let rough = self.facets.rough & lit;
         if rough.any() {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
-            value += (self.facet(facet_cosine) * perfect).only(rough);
+            value += below((self.facet(facet_cosine) * perfect).only(rough));
             pdf += (probabilities.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
             let (light, density) = wo.lanes().outlined(EvaluateFrost { frost, wi });
-            value = value.only(sides) + light;
+            value = value.only(sides) + below(light);
             pdf = pdf.only(sides) + probabilities.frosted * density;
             sides |= frost.through.frosted;
         }
-        if let (Some(sheen), Some(near)) = (&self.sheen, lobes.near_sheen) {
-            let far = sheen.share(wi.z.abs());
-            value = value * sheen.passed(near).min(sheen.passed(far))
-                + sheen.evaluate(wo, wi, half, [near, far]).only(lit);
+        if let Some((sheen, shares)) = fibres {
+            value += sheen.evaluate(wo, wi, half, shares).only(lit);
         }
         value = (value * under).only(sides);
         pdf = pdf.only(sides);

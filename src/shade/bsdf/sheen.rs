@@ -85,6 +85,14 @@ impl<L: Lanes> Sheen<L> {
         1.0 - self.colour.max_element() * share.clamp(0.0, 1.0)
     }
 
+    /// The factor of diffuse light from the surface below that passes the fibres in both directions, given the shares of
+    /// both. It is reciprocal and integrates to [`Sheen::passed`], as Kulla and Conty's layers do.
+    #[inline(always)]
+    pub fn passed_both_ways(&self, [near, far]: [Num<L>; 2]) -> Num<L> {
+        let mean = self.passed(near.lanes().outlined(MeanLookup { roughness: self.roughness }));
+        self.passed(near) * self.passed(far) / mean.clamp(f32::MIN_POSITIVE, 1.0)
+    }
+
     /// Distribution × visibility × cosine of `wi`, from the cosines of `wo`, `wi` and their half vector.
     #[inline(always)]
     fn lobe(&self, wo_z: Num<L>, wi_z: Num<L>, half_z: Num<L>) -> Num<L> {
@@ -133,6 +141,23 @@ impl<L: Lanes> OutlinedTask<L> for AlbedoLookup<L> {
     }
 }
 
+/// The mean of clamped shares over all directions, each weighted with its cosine.
+struct MeanLookup<L: Lanes> {
+    roughness: Num<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for MeanLookup<L> {
+    type Output = Num<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> Num<L> {
+        let last = (NODES - 1) as f32;
+        let across = (self.roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
+        let row = across.clamp(0.0, last - 1.0).floor();
+        row.to_int().of(means()).lerp((row.to_int() + 1).of(means()), across - row)
+    }
+}
+
 struct Lobe<L: Lanes> {
     sheen: Sheen<L>,
     wo_z: Num<L>,
@@ -162,6 +187,24 @@ fn table() -> &'static [f32] {
         };
         table_rows::computed(NODES * NODES, |i| measure(node(i)))
     })
+}
+
+/// Means of the table's rows, as lookups between its nodes see them.
+#[inline]
+fn means() -> &'static [f32] {
+    static MEANS: OnceLock<Vec<f32>> = OnceLock::new();
+    /// Steps of the cosine.
+    const FINE: usize = 1024;
+    let mean = |row: &[f32]| {
+        let share = |z: f32| {
+            let along = z.sqrt() * (NODES - 1) as f32;
+            let node = (along as usize).min(NODES - 2);
+            row[node] + (row[node + 1] - row[node]) * (along - node as f32)
+        };
+        let cosines = (0..FINE).map(|step| (step as f32 + 0.5) / FINE as f32);
+        cosines.map(|z| 2.0 * z * share(z).clamp(0.0, 1.0)).sum::<f32>() / FINE as f32
+    };
+    MEANS.get_or_init(|| table().chunks(NODES).map(mean).collect())
 }
 
 /// Integrates the lobe of white fibres over incident directions.

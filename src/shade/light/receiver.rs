@@ -18,7 +18,7 @@ const LOWEST: u32 = (1 << (2 * BITS)) - 1;
 pub struct Receiver<L: Lanes> {
     /// Start of scattered rays.
     pub position: Vector<L>,
-    /// Octahedral encoding of the triangle's normal in [`Receiver::FACING_BITS`] bits.
+    /// Octahedral encoding of [`Interaction::facing`] in [`Receiver::FACING_BITS`] bits.
     pub facing: Int<L>,
 }
 
@@ -29,7 +29,7 @@ impl<L: Lanes> Receiver<L> {
     /// The receivers at surface points.
     #[inline(always)]
     pub fn of(at: &Interaction<L>) -> Self {
-        Self::new(at.origin(at.raised, at.normal), at.normal)
+        Self::new(at.origin(at.raised, at.normal), at.facing())
     }
 
     /// Receivers without a facing. They suffice where there are few lights, since then only the position is

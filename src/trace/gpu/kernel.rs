@@ -108,6 +108,8 @@ pub(super) struct Shape {
     pub pages: ScenePages,
     /// True if the answers to closest hits are what rays visit.
     pub counts: bool,
+    /// True if a table decides about masked triangles.
+    pub alpha: bool,
 }
 
 /// Declarations of the constants that host and device share; Rust defines them.
@@ -167,7 +169,7 @@ mod tests {
     }
 
     fn parse_shape(kernel: Kernel, pages: ScenePages, counts: bool) -> naga::Module {
-        let source = kernel.source(&Shape { stack: 24, members: true, pages, counts });
+        let source = kernel.source(&Shape { stack: 24, members: true, pages, counts, alpha: false });
         wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)))
     }
 

@@ -49,6 +49,7 @@
 //!    tracers. It keeps the thread, and fails the job.
 
 mod adapter;
+mod alpha;
 mod bundle;
 mod calibration;
 mod cross_check;

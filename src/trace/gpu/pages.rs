@@ -4,9 +4,9 @@
 use super::{AdapterInfo, GpuError};
 use std::fmt::Write as _;
 
-/// Storage bindings that a kernel needs beside nodes, pairs and identities: members, rays, answers and the list of
-/// undecided rays.
-const OTHER_BINDINGS: u64 = 4;
+/// Storage bindings that a kernel needs beside nodes, pairs and identities: members, the alpha test, rays,
+/// answers and the list of undecided rays.
+const OTHER_BINDINGS: u64 = 5;
 
 /// Records of one kind.
 #[derive(Clone, Copy, Debug)]
@@ -110,12 +110,12 @@ impl ScenePages {
         }
     }
 
-    /// Number of bindings of group 0: the pages and members.
+    /// Number of bindings of group 0: the pages, members and the alpha test.
     pub fn bindings(self) -> u32 {
-        self.nodes.count + self.pairs.count + self.identities.count + 1
+        self.nodes.count + self.pairs.count + self.identities.count + 2
     }
 
-    /// WGSL that declares the pages and members, and the functions through which kernels read the pages.
+    /// WGSL that declares group 0, and the functions through which kernels read the pages.
     pub fn source(self) -> String {
         let Self { nodes, pairs, identities } = self;
         let mut text = String::from("// Nodes, pairs and identities, in as many bindings as they need.\n");
@@ -126,8 +126,11 @@ impl ScenePages {
         pairs.read(&mut text, "pairs", "pair_at(index: u32)", "Pair", "");
         identities.declare(&mut text, nodes.count + pairs.count, "identities", "vec2<u32>");
         identities.read(&mut text, "identities", "identity_at(index: u32)", "vec2<u32>", "");
-        let last = self.bindings() - 1;
-        let _ = writeln!(text, "@group(0) @binding({last}) var<storage, read> members: array<TreeInstance>;");
+        let members = self.bindings() - 2;
+        let _ =
+            writeln!(text, "@group(0) @binding({members}) var<storage, read> members: array<TreeInstance>;");
+        let alpha = members + 1;
+        let _ = writeln!(text, "@group(0) @binding({alpha}) var<storage, read> alpha_words: array<u32>;");
         text
     }
 }

@@ -1,13 +1,15 @@
 //! A scene on the device: its buffers, and the kernels compiled for it.
 
+use super::alpha;
 use super::dispatch::{Answers, KernelPipeline, bind_whole};
 use super::exact::{ExactKernels, Form, Layouts, Refusal};
 use super::flatten::FlatScene;
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
+use super::resolve::Resolver;
 use super::{Fault, Gpu, GpuError};
-use crate::bvh::Bvh;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
@@ -31,7 +33,7 @@ pub(super) enum Kernels {
 /// A scene on the device.
 #[derive(Debug)]
 pub(super) struct DeviceScene {
-    /// Group 0: the pages of nodes, pairs and identities, and members.
+    /// Group 0: the pages of nodes, pairs and identities, members, the alpha test.
     pub group: wgpu::BindGroup,
     /// The shape for which kernels are compiled, and the layouts of both groups.
     shape: Shape,
@@ -40,19 +42,22 @@ pub(super) struct DeviceScene {
     pub trace_any: KernelPipeline,
     /// The form in which the device makes hits, or the reason why the host does.
     pub exact_hits: Result<Form, Refusal>,
+    /// A hash of the words of the alpha test.
+    alpha: u64,
     /// Bytes of the scene's buffers.
     pub bytes: u64,
 }
 
 impl DeviceScene {
-    /// Uploads a tree and compiles the kernels for it.
+    /// Uploads a tree and compiles the kernels for it. The device decides about masked triangles where the
+    /// filter has a table.
     ///
     /// # Errors
     /// When the scene exceeds what the adapter can bind (before anything is allocated), the device refuses it, or the
     /// device is lost.
-    pub fn new(gpu: &Gpu, bvh: &Bvh, kernels: Kernels) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, resolver: &Resolver, kernels: Kernels) -> Result<Self, GpuError> {
         let adapter = || gpu.info().to_string();
-        let flat = FlatScene::of(bvh);
+        let flat = FlatScene::of(&resolver.bvh);
         let pages = ScenePages::new(gpu.info(), flat.records())?;
         let FlatScene { nodes, pairs, identities, members, stack } = flat;
 
@@ -60,9 +65,13 @@ impl DeviceScene {
         let pair_pages = pages.pairs.split(&pairs).map(|page| ("pairs", bytemuck::cast_slice(page)));
         let identity_pages =
             pages.identities.split(&identities).map(|page| ("identities", bytemuck::cast_slice(page)));
-        let last: (&str, &[u8]) = ("members", bytemuck::cast_slice(&members));
+        let alpha = alpha_words(gpu, resolver);
+        let last: [(&str, &[u8]); 2] = [
+            ("members", bytemuck::cast_slice(&members)),
+            ("alpha test", alpha.as_deref().map_or(&[], bytemuck::cast_slice)),
+        ];
         let contents: Vec<(&str, &[u8])> =
-            node_pages.chain(pair_pages).chain(identity_pages).chain([last]).collect();
+            node_pages.chain(pair_pages).chain(identity_pages).chain(last).collect();
         let bytes = contents.iter().map(|(_, page)| buffer_size(page)).sum();
         let out_of_memory = |reason| GpuError::OutOfMemory { required: bytes, adapter: adapter(), reason };
         let store = || -> Result<_, GpuError> {
@@ -72,7 +81,8 @@ impl DeviceScene {
             }
             Ok(buffers)
         };
-        let shape = Shape { stack, members: !members.is_empty(), pages, counts: false };
+        let shape =
+            Shape { stack, members: !members.is_empty(), pages, counts: false, alpha: alpha.is_some() };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };
         let layouts = gpu.attempt(|device, _| layouts(device, pages.bindings()));
         let (layout, request) = layouts.map_err(GpuError::Lost)?.map_err(refused)?;
@@ -89,7 +99,13 @@ impl DeviceScene {
         });
         let group = bound.map_err(GpuError::Lost)?.map_err(out_of_memory)?;
         let layouts = [layout, request];
-        Ok(Self { group, shape, layouts, trace_closest, trace_any, exact_hits, bytes })
+        let alpha = hashed(&alpha);
+        Ok(Self { group, shape, layouts, trace_closest, trace_any, exact_hits, alpha, bytes })
+    }
+
+    /// True if the device decides what a resolver's filter decides, or nothing.
+    pub fn decides_alike(&self, gpu: &Gpu, resolver: &Resolver) -> bool {
+        self.exact_hits.is_err() || self.alpha == hashed(&alpha_words(gpu, resolver))
     }
 
     /// Compiles a kernel that answers with what rays visit on their way to the closest hit.
@@ -162,6 +178,24 @@ impl Kernels {
     }
 }
 
+/// The words of the filter's table, if it has one, for this scene, that is no larger than a binding.
+fn alpha_words(gpu: &Gpu, resolver: &Resolver) -> Option<Vec<u32>> {
+    let table = resolver.filter.as_ref()?.alpha_table()?;
+    let words = (table.rows().len() == resolver.bvh.len()).then(|| alpha::words(&table))?;
+    let most = gpu.info().max_binding_bytes.min(gpu.info().max_buffer_bytes);
+    let fits = size_of_val(&*words) as u64 <= most;
+    if !fits {
+        log::info!("the alpha test is larger than a binding of {}; the CPU decides", gpu.info().name);
+    }
+    fits.then_some(words)
+}
+
+fn hashed(words: &Option<Vec<u32>>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    words.hash(&mut hasher);
+    hasher.finish()
+}
+
 /// Bytes of the buffer for a page. A binding must not be empty.
 fn buffer_size(page: &[u8]) -> u64 {
     page.len().max(size_of::<TreeInstance>()) as u64
@@ -183,7 +217,7 @@ fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffe
     })
 }
 
-/// The layouts of group 0 (the scene's pages, then members) and of group 1 (rays, params, answers, undecided rays).
+/// The layouts of group 0 (the scene's pages, members, the alpha test) and of group 1 (rays, params, answers, undecided rays).
 fn layouts(device: &wgpu::Device, pages: u32) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
     use wgpu::BindingType::Buffer;
     use wgpu::BufferBindingType::{Storage, Uniform};

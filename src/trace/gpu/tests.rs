@@ -1,13 +1,14 @@
 //! Tests that need the module's internals: arithmetic worse than the test machine's, smaller limits, a shorter
 //! watchdog.
 
+use super::alpha::tests::Cutouts;
 use super::device_replacement::MOST;
 use super::exact::{Form, Route};
 use super::kernel::{Kernel, Shape, Sides};
 use super::scene::Kernels;
 use super::watchdog::Watchdog;
 use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
-use crate::bvh::{Bvh, TreeInstance};
+use crate::bvh::{Bvh, Filter, TreeInstance};
 use crate::geom::{Placement, mix};
 use crate::stream::{BlockingTracer, Capacity, DeviceError, Hit, Queries, Ray, RayStream};
 use crate::trace::cpu::Oracle;
@@ -78,11 +79,16 @@ fn rays(bvh: &Bvh, count: u32) -> Vec<Ray> {
 
 /// The number of answers of a GPU tracer with these kernels that differ from the oracle's, and of rays that it left to
 /// the host.
-fn wrong_answers(gpu: Gpu, kernels: Kernels, bvh: &Arc<Bvh>, count: u32) -> (usize, u64) {
-    let oracle = Oracle::new(bvh.clone(), None);
+fn wrong_answers(
+    gpu: Gpu,
+    kernels: Kernels,
+    (bvh, filter): (&Arc<Bvh>, Option<Arc<dyn Filter>>),
+    count: u32,
+) -> (usize, u64) {
+    let oracle = Oracle::new(bvh.clone(), filter.clone());
     let rays = rays(bvh, count);
     let cpu = Arc::new(oracle.clone());
-    let tracer = GpuTracer::with_kernels(Arc::new(gpu), bvh.clone(), None, cpu, kernels);
+    let tracer = GpuTracer::with_kernels(Arc::new(gpu), bvh.clone(), filter, cpu, kernels);
     let (mut hits, mut occluded) = (vec![Hit::NONE; rays.len()], vec![0; rays.len()]);
     let queries = Queries { rays: &rays, hits: &mut hits, shadow_rays: &rays, occluded: &mut occluded };
     let retraced = match tracer.expect("the scene fits").trace(queries) {
@@ -101,13 +107,16 @@ fn wrong_answers(gpu: Gpu, kernels: Kernels, bvh: &Arc<Bvh>, count: u32) -> (usi
 
 /// The mesh as one tree.
 fn tree() -> Arc<Bvh> {
+    tree_with(|_| false)
+}
+
+fn tree_with(is_masked: fn(u32) -> bool) -> Arc<Bvh> {
     let (positions, triangles) = mesh();
-    Arc::new(Bvh::build(&positions, &triangles, |_| false))
+    Arc::new(Bvh::build(&positions, &triangles, is_masked))
 }
 
 /// Four instances of the mesh, turned, stretched and mirrored, some of them through each other.
-fn instances() -> Arc<Bvh> {
-    let tree = tree();
+fn instances_of(tree: &Arc<Bvh>) -> Arc<Bvh> {
     let count = tree.len() as u32;
     let placed = (0..4).map(|i| {
         let turn = Quat::from_axis_angle(point(i, 30).normalize(), i as f32);
@@ -123,7 +132,7 @@ fn instances() -> Arc<Bvh> {
 
 /// The number of answers of kernels of candidates from `source` that differ from the oracle's.
 fn wrong_candidates(source: fn(Kernel, &Shape) -> String) -> usize {
-    wrong_answers(open(), Kernels::Candidates(source), &tree(), 20_000).0
+    wrong_answers(open(), Kernels::Candidates(source), (&tree(), None), 20_000).0
 }
 
 /// `source` with every `fma(a, b, c)` rounded twice.
@@ -196,13 +205,14 @@ fn inexact_arithmetic_needs_the_margins() {
 }
 
 /// The form of a device that fuses its multiply-add and keeps subnormal numbers is among them, with each emulated
-/// route. Drivers take seconds for the kernels of one: all of them when the long run asks for more pairs
+/// route. Most triangles are masked. Drivers take seconds for the kernels of one: all of them when the long run asks for more pairs
 /// (`scripts/soak`).
 #[test]
 fn forms_of_exact_hits_have_the_hosts_bits() {
     let fused = |route| Form { route, sides: Sides::Exact, flushes: false };
     let emulated = |route| Form { route, sides: Sides::WithinMargins, flushes: true };
-    let (tree, instances) = (tree(), instances());
+    let tree = tree_with(Cutouts::is_masked);
+    let instances = instances_of(&tree);
     let mut cases = vec![
         (&tree, fused(Route::ErrorFree)),
         (&tree, emulated(Route::Integers)),
@@ -218,7 +228,8 @@ fn forms_of_exact_hits_have_the_hosts_bits() {
         cases = forms.flat_map(|form| [(&tree, form), (&instances, form)]).collect();
     }
     for (scene, form) in cases {
-        let (wrong, retraced) = wrong_answers(open(), Kernels::Exact(form), scene, 3000);
+        let filter: Arc<dyn Filter> = Arc::new(Cutouts::new(scene.len()));
+        let (wrong, retraced) = wrong_answers(open(), Kernels::Exact(form), (scene, Some(filter)), 3000);
         assert!(wrong == 0 && retraced <= 6, "{form:?}: {wrong} wrong, {retraced} traced again");
     }
 }
@@ -300,7 +311,7 @@ fn a_scene_that_does_not_fit_is_refused_with_both_numbers() {
     let bvh = Arc::new(Bvh::build(&positions, &triangles, |_| false));
     let oracle = Arc::new(Oracle::new(bvh.clone(), None));
     let mut gpu = open();
-    (gpu.info.max_binding_bytes, gpu.info.max_storage_bindings) = (6000, 6);
+    (gpu.info.max_binding_bytes, gpu.info.max_storage_bindings) = (6000, 7);
     let error = GpuTracer::new(Arc::new(gpu), bvh.clone(), None, oracle).map(|_| ()).expect_err("too large");
     let least = (bvh.len() / 2 * 48) as u64;
     assert!(

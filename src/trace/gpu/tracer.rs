@@ -61,8 +61,8 @@ pub(super) struct SceneDevice {
 }
 
 impl SceneDevice {
-    fn new(gpu: Arc<Gpu>, bvh: &Bvh, kernels: Kernels) -> Result<Self, GpuError> {
-        let scene = DeviceScene::new(&gpu, bvh, kernels)?;
+    fn new(gpu: Arc<Gpu>, resolver: &Resolver, kernels: Kernels) -> Result<Self, GpuError> {
+        let scene = DeviceScene::new(&gpu, resolver, kernels)?;
         let most = if gpu.info().kind == AdapterKind::Software { MAX_RAYS_SOFTWARE } else { MAX_RAYS };
         let max_rays = max_rays(&gpu).min(most);
         Ok(Self { gpu, scene, max_rays })
@@ -109,7 +109,7 @@ impl Shared {
     fn open_successor(&self, lost: &Arc<Gpu>) {
         let mut gpu = lost.clone();
         while let Some(next) = gpu.successor(&self.is_final) {
-            match SceneDevice::new(next.clone(), &self.resolver.bvh, self.kernels) {
+            match SceneDevice::new(next.clone(), &self.resolver, self.kernels) {
                 Ok(device) => {
                     let mut current = self.device.lock().unwrap_or_else(PoisonError::into_inner);
                     let lost = std::mem::replace(&mut *current, Arc::new(device));
@@ -150,24 +150,38 @@ impl GpuTracer {
     ) -> Result<Self, GpuError> {
         let gpu = gpu.latest();
         let name = gpu.info().name.clone();
-        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &bvh, kernels)?));
         let resolver = Resolver { bvh, filter, cpu };
+        let device = Mutex::new(Arc::new(SceneDevice::new(gpu, &resolver, kernels)?));
         let (worker, is_final) = (Mutex::default(), AtomicBool::new(false));
         let shared = Arc::new(Shared { device, worker, kernels, resolver, is_final });
         Ok(Self { name, shared })
     }
 
-    /// A tracer of the same scene on the same device, with another filter. `cpu` traces the scene with that filter.
-    pub fn with_filter(&self, filter: Option<Arc<dyn Filter>>, cpu: Arc<dyn Tracer>) -> Self {
+    /// A tracer of the same scene with another filter. `cpu` traces the scene with that filter. The scene is uploaded
+    /// anew where the device decides what the filter decides, and that has changed.
+    ///
+    /// # Errors
+    /// Those of [`GpuTracer::new`].
+    pub fn with_filter(
+        &self,
+        filter: Option<Arc<dyn Filter>>,
+        cpu: Arc<dyn Tracer>,
+    ) -> Result<Self, GpuError> {
         let Shared { kernels, resolver, .. } = &*self.shared;
-        let shared = Arc::new(Shared {
-            device: Mutex::new(self.shared.device()),
-            worker: Mutex::default(),
-            kernels: *kernels,
-            resolver: Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu },
-            is_final: AtomicBool::new(false),
-        });
-        Self { name: self.name.clone(), shared }
+        let (kernels, device) = (*kernels, self.shared.device());
+        let resolver = Resolver { bvh: Arc::clone(&resolver.bvh), filter, cpu };
+        if !device.scene.decides_alike(&device.gpu, &resolver) {
+            return Self::with_kernels(
+                device.gpu.clone(),
+                resolver.bvh,
+                resolver.filter,
+                resolver.cpu,
+                kernels,
+            );
+        }
+        let (device, worker, is_final) = (Mutex::new(device), Mutex::default(), AtomicBool::new(false));
+        let shared = Arc::new(Shared { device, worker, kernels, resolver, is_final });
+        Ok(Self { name: self.name.clone(), shared })
     }
 
     /// Bytes that the scene takes on the device.

@@ -104,6 +104,39 @@ fn frames_of_a_moving_scene_share_light_and_camera() {
     assert!(!told.contains("rest pose") && told.matches("no light").count() == 1, "{told}");
 }
 
+/// Two points that part.
+fn points() -> String {
+    let arrays = [
+        Array::floats("VEC3", &[0.0, 0.0, 0.0]),
+        Array::floats("SCALAR", &[0.0, 1.0]),
+        Array::floats("VEC3", &[1.0, 0.0, 0.0, 1.0, 2.0, 0.0]),
+    ];
+    let rest = json!({
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "mode": 0 }] }],
+        "nodes": [{ "mesh": 0 }, { "mesh": 0 }],
+        "scenes": [{ "nodes": [0, 1] }],
+        "animations": [{ "samplers": [{ "input": 1, "output": 2 }],
+            "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }] }]
+    });
+    gltf::file(&arrays, rest)
+}
+
+#[test]
+fn points_keep_their_width_while_the_scene_grows() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(folder.join("fan.gltf"), points()).expect("a scene");
+    let near = ["--eye", "0,0,0.1", "--target", "0,0,0"];
+    let moved =
+        hashes(&render(folder, &[&near[..], &["--frames", "0..2", "--fps", "1", "-o", "%d.npy"]].concat()));
+    let still = |more: &[&str]| {
+        render(folder, &[&near[..], &["--time", "1"], more].concat())["image"]["hash"].clone()
+    };
+    // A hundredth of the first frame's box, which is 1 wide; that of the second frame is wider.
+    assert_eq!(still(&["--stroke-width", "0.01"]), moved[1].as_str());
+    assert_ne!(still(&[]), moved[1].as_str());
+}
+
 #[test]
 fn moving_frames_have_parts_and_are_resumed() {
     let folder = folder();

@@ -12,6 +12,7 @@
 //!
 //! Words are defined in `docs/glossary.md`.
 
+mod alpha_table;
 mod binary_tree;
 mod bins;
 mod child;
@@ -38,6 +39,9 @@ mod supports;
 mod validate;
 mod wide_tree;
 
+pub use alpha_table::{
+    Addressing, AlphaImage, AlphaLookUp, AlphaMaterial, AlphaRow, AlphaRule, AlphaTable, AlphaTriangle,
+};
 pub use binary_tree::MAX_DEPTH;
 pub use child::{BLOCK_TRIANGLES, Child, WIDTH};
 pub use child_order::ChildOrder;

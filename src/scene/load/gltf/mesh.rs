@@ -84,16 +84,17 @@ impl<'a> Flattened<'a> {
         }
     }
 
-    /// The mesh, the instanced shapes, and whether any triangle needs the fallback material.
+    /// The mesh, the instanced shapes, whether any triangle needs the fallback material, and the width of strokes.
     ///
     /// # Errors
     /// When an accessor cannot be read.
     pub(super) fn finish(
         mut self,
         context: &mut Context,
-    ) -> Result<(TriangleMesh, Vec<Shape>, bool), LoadProblem> {
+    ) -> Result<(TriangleMesh, Vec<Shape>, bool, Option<f32>), LoadProblem> {
         let mesh = &mut self.mesh;
-        self.strokes.finish(mesh, context.session.options.stroke_width, &mut context.session.warnings);
+        let width =
+            self.strokes.finish(mesh, context.session.options.stroke_width, &mut context.session.warnings);
         self.dropped.finish(&mut mesh.positions, &mut context.session.warnings);
         let count = mesh.positions.len();
         // An attribute that no vertex has stays empty.
@@ -114,7 +115,7 @@ impl<'a> Flattened<'a> {
         if !mesh.colours.is_empty() {
             mesh.colours.resize(count, Vec4::ONE);
         }
-        Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback))
+        Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback, width))
     }
 
     /// Number of triangles so far.

@@ -100,6 +100,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         cameras: world.cameras,
         surface_requests,
         is_animated: world.is_animated,
+        stroke_width: world.stroke_width,
         variants,
         ..Scene::default()
     })

@@ -26,6 +26,8 @@ pub(super) struct World {
     pub(super) cameras: Vec<NamedCamera>,
     /// True if the animation moves more than cameras.
     pub(super) is_animated: bool,
+    /// See [`crate::scene::Scene::stroke_width`].
+    pub(super) stroke_width: Option<f32>,
     /// True if triangles without a material use index `materials.len()`, the fallback material.
     pub(super) uses_fallback: bool,
 }
@@ -45,7 +47,7 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Re
     let mut cameras = Cameras::default();
     let mut objects = ObjectsByNode::default();
     for WorldNode { node, matrix, parent, visible, instancing } in nodes {
-        objects.add(&node, parent);
+        objects.add(&node, parent, &matrix);
         if let Some(mesh) = node.mesh().filter(|_| visible) {
             let joints = node.skin().map(|skin| joints(context, &skin, &places)).transpose()?;
             let bending = Bending { weights: pose.weights(&node, &mesh), joints };
@@ -63,9 +65,10 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Re
                 }
                 Some(transforms) => {
                     for instance in transforms.matrices() {
-                        objects.add_instance(&node);
+                        let matrix = matrix * instance;
+                        objects.add_instance(&node, &matrix);
                         objects.assign(mesh.index(), flattened.triangles());
-                        flattened.append(context, &mesh, &(matrix * instance), &bending)?;
+                        flattened.append(context, &mesh, &matrix, &bending)?;
                     }
                 }
             }
@@ -75,11 +78,11 @@ pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Re
         }
         cameras.add(context, &node, &matrix);
     }
-    let (mesh, shapes, uses_fallback) = flattened.finish(context)?;
+    let (mesh, shapes, uses_fallback, stroke_width) = flattened.finish(context)?;
     let cameras = cameras.finish(context)?;
     let objects = objects.finish();
     let is_animated = pose::is_animated(context)?;
-    Ok(World { mesh, shapes, objects, lights, cameras, is_animated, uses_fallback })
+    Ok(World { mesh, shapes, objects, lights, cameras, is_animated, stroke_width, uses_fallback })
 }
 
 /// A node of the scene.

@@ -2,6 +2,7 @@
 
 use crate::scene::{Object, Objects};
 use ::gltf::Node;
+use glam::DMat4;
 use std::collections::HashMap;
 
 /// The objects of the nodes visited so far.
@@ -19,21 +20,26 @@ pub(super) struct ObjectsByNode {
 impl ObjectsByNode {
     /// Bytes that one instance of a node takes.
     pub(super) fn instance_bytes(node: &Node) -> u64 {
-        // Beside object and name: its run of triangles, and its entry among those that show the mesh.
-        (size_of::<Object>() + name(node).len() + 3 * size_of::<u32>()) as u64
+        // Beside object and name: its run of triangles, its entry among those that show the mesh, and its space.
+        (size_of::<Object>() + name(node).len() + 15 * size_of::<u32>()) as u64
     }
 
     /// Adds a node below the node `parent`, counted in the order of the calls. A node without a name has that of its
-    /// mesh.
-    pub(super) fn add(&mut self, node: &Node, parent: Option<u32>) {
+    /// mesh. `matrix` leads from its space into the world; what joints move has no space of its own.
+    pub(super) fn add(&mut self, node: &Node, parent: Option<u32>, matrix: &DMat4) {
         let parent = parent.map(|parent| self.nodes[parent as usize]);
         self.last = self.objects.add(Object::new(name(node)).below(parent));
         self.nodes.push(self.last);
+        if node.skin().is_none() {
+            self.objects.place(self.last, matrix);
+        }
     }
 
-    /// Adds an instance below the node that was added last, of the same name.
-    pub(super) fn add_instance(&mut self, node: &Node) {
+    /// Adds an instance below the node that was added last, of the same name. `matrix` leads from its space into the
+    /// world.
+    pub(super) fn add_instance(&mut self, node: &Node, matrix: &DMat4) {
         self.last = self.objects.add(Object::new(name(node)).below(self.nodes.last().copied()));
+        self.objects.place(self.last, matrix);
     }
 
     /// Assigns the triangles of `mesh` from `first` on to the object that was added last.

@@ -235,7 +235,7 @@ impl Reader<'_> {
         if !colours.is_empty() {
             self.mesh.colours.extend(stand_for.iter().map(|&vertex| colours[vertex as usize]));
         }
-        strokes.finish(&mut self.mesh, session.options.stroke_width, &mut session.warnings);
+        let _ = strokes.finish(&mut self.mesh, session.options.stroke_width, &mut session.warnings);
         Ok(())
     }
 

@@ -18,6 +18,7 @@ mod route;
 mod tests;
 mod verdicts;
 
+use super::alpha;
 use super::kernel::{Arithmetic, Kernel, Shape, Sides, traversal};
 use super::{Fault, Gpu};
 use crate::device::{Checks, FloatControls, float_controls, module, spirv};
@@ -218,15 +219,21 @@ impl Module {
     }
 }
 
+const ALPHA: &str = include_str!("../../../../shaders/exact/alpha.wgsl");
+const NO_ALPHA: &str = include_str!("../../../../shaders/exact/no_alpha.wgsl");
+
 /// The module's WGSL.
 fn source(shape: &Shape, Form { route, sides, flushes }: Form) -> String {
     let case_words = format!("const CASE_WORDS: u32 = {}u;\n", cases::PAIR_WORDS);
     let traversal = traversal(shape, Arithmetic { flushes, near_fma: route.fma(), sides });
+    let alpha = alpha::constants();
     let own = [
-        &case_words,
+        &*case_words,
         route.source(),
         include_str!("../../../../shaders/exact/canonical.wgsl"),
         include_str!("../../../../shaders/exact/trace.wgsl"),
+        &alpha,
+        if shape.alpha { ALPHA } else { NO_ALPHA },
         include_str!("../../../../shaders/exact/trace_closest.wgsl"),
         include_str!("../../../../shaders/exact/trace_any.wgsl"),
         include_str!("../../../../shaders/exact/probe.wgsl"),

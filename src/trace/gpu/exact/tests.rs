@@ -21,7 +21,7 @@ fn pairs() -> u32 {
     asked.map_or(120_000, |text| text.parse().expect("a number of pairs"))
 }
 
-const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, counts: false };
+const SHAPE: Shape = Shape { stack: 24, members: false, pages: ScenePages::ONE, counts: false, alpha: false };
 
 /// Forms by a route.
 fn forms(route: Route) -> impl Iterator<Item = Form> {
@@ -35,9 +35,9 @@ fn kernels_are_valid_for_every_shape_and_form() {
     let (two, three) = (Pages { bits: 4, count: 2 }, Pages { bits: 5, count: 3 });
     let paged = ScenePages { nodes: two, pairs: three, identities: two };
     for form in Route::ALL.into_iter().flat_map(forms) {
-        for members in [false, true] {
+        for [members, alpha] in [[false, false], [true, false], [true, true]] {
             for pages in [ScenePages::ONE, paged] {
-                let shape = Shape { members, pages, ..SHAPE };
+                let shape = Shape { members, pages, alpha, ..SHAPE };
                 let words = spirv(&source(&shape, form), all, form.route.fma(), Checks::Proven);
                 assert!(words.unwrap_or_else(|error| panic!("{form:?}: {error}")).len() > 5000);
             }
