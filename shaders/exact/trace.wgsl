@@ -1,7 +1,7 @@
 // What the kernels of exact hits share: triangles that `open_triangles` leaves are tested canonically at once, so a hit
 // is the host's to the bit and traversal goes on with its distance. Left to the host are rays whose arithmetic came
-// near subnormal numbers on a device that may flush them, and rays that meet a triangle before anything else about which
-// the filter decides and no table does.
+// near subnormal numbers on a device that may flush them, and rays that meet a triangle before anything else about
+// which the filter decides and no table does.
 
 @group(1) @binding(3) var<storage, read_write> undecided_rays: array<atomic<u32>>;
 

@@ -153,7 +153,7 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// True if an animation of the file moves more than cameras ([`load::LoadOptions::with_time`]).
     pub is_animated: bool,
-    /// The width in world units of the balls and tubes that a glTF file's points and lines are shown as, if it has some.
+    /// The width in world units of the balls and tubes that stand for a glTF file's points and lines, if it has some.
     pub stroke_width: Option<f32>,
     /// Names of the material variants of the file (KHR_materials_variants). [`load::LoadOptions::with_variant`]
     /// chooses one.

@@ -146,8 +146,8 @@ points! {
         uv1: Vec2f as [Num<L>; 2], "texture coordinates", "finite",
             "Texture coordinates of the mesh's second set; those of the first without one.", Points::second_uv_here;
         object_position: Vec3f as Vector<L>, "units of the object", "finite",
-            "Position in the object's own space: that of a glTF node, and of a recipe's shape about its centre. It moves \
-             and turns with the object. Where there is none, position.",
+            "Position in the object's own space: that of a glTF node, and of a recipe's shape about its centre. It \
+             moves and turns with the object. Where there is none, position.",
             Points::object_position_here;
     }
 }

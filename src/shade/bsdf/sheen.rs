@@ -85,8 +85,8 @@ impl<L: Lanes> Sheen<L> {
         1.0 - self.colour.max_element() * share.clamp(0.0, 1.0)
     }
 
-    /// The factor of diffuse light from the surface below that passes the fibres in both directions, given the shares of
-    /// both. It is reciprocal and integrates to [`Sheen::passed`], as Kulla and Conty's layers do.
+    /// The factor of diffuse light from the surface below that passes the fibres in both directions, given the shares
+    /// of both. It is reciprocal and integrates to [`Sheen::passed`], as Kulla and Conty's layers do.
     #[inline(always)]
     pub fn passed_both_ways(&self, [near, far]: [Num<L>; 2]) -> Num<L> {
         let mean = self.passed(near.lanes().outlined(MeanLookup { roughness: self.roughness }));

@@ -217,7 +217,8 @@ fn allocate(gpu: &Gpu, pages: &[(&str, &[u8])]) -> Result<Result<Vec<wgpu::Buffe
     })
 }
 
-/// The layouts of group 0 (the scene's pages, members, the alpha test) and of group 1 (rays, params, answers, undecided rays).
+/// The layouts of group 0 (the scene's pages, members, the alpha test) and of group 1 (rays, params, answers, undecided
+/// rays).
 fn layouts(device: &wgpu::Device, pages: u32) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
     use wgpu::BindingType::Buffer;
     use wgpu::BufferBindingType::{Storage, Uniform};

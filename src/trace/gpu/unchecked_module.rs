@@ -9,8 +9,8 @@
 //!    leaf's reference counts) and members that it stores; `pages` splits these over all pages that it declares. A slot
 //!    of a wide node is below eight, and only slots in use are visited. The words of the alpha test have a row for each
 //!    primitive (`scene::alpha_words` compares the numbers), and `AlphaTable` adds only rows, materials and images that
-//!    exist; integers keep a texel's column and row below the image's size, whatever floats say. The stack has an entry for every inner node on
-//!    any way from the root, through a member, to a leaf: the most that a traversal pushes.
+//!    exist; integers keep a texel's column and row below the image's size, whatever floats say. The stack has an entry
+//!    for every inner node on any way from the root, through a member, to a leaf: the most that a traversal pushes.
 //! 3. Every loop ends. Each iteration of a traversal follows an edge of a finite tree or pops the stack, and each edge
 //!    is followed at most once. A leaf has at most eight pairs of two triangles.
 //! 4. No integer is divided; no task or mesh shader is used.
