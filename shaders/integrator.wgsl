@@ -93,6 +93,12 @@ fn to_world(direction: vec3f) -> vec3f {
     return vec3f();
 }
 
+// Whether a direction points away from the surface: above the triangle or, where vertex normals suggest that the surface
+// is bent outwards, above the shading normal's plane. Light from there reaches it.
+fn is_above(direction: vec3f) -> bool {
+    return false;
+}
+
 // The ray that leaves the surface in a direction, without an end.
 fn leave(direction: vec3f) -> Ray {
     return Ray();

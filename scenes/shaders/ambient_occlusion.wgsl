@@ -6,7 +6,7 @@ override reach: f32 = 1.0;
 
 fn hit(at: Hit, p: Payload) {
     let direction = to_world(cosine_hemisphere(random2_at(0u)));
-    if (dot(direction, at.geometric_normal) > 0.0) {
+    if (is_above(direction)) {
         let ray = leave(direction);
         shadow(Ray(ray.origin, ray.direction, reach), vec3f(1.0));
     }

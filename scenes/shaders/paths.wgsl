@@ -16,7 +16,7 @@ fn hit(at: Hit, p: Payload) -> vec3f {
         // One light, chosen with equal probability.
         let chosen = min(u32(random(0u) * f32(at.lights)), at.lights - 1u);
         let s = light_sample(chosen, random(1u), random2(2u));
-        if dot(s.wi, at.geometric_normal) > 0.0 {
+        if is_above(s.wi) {
             light += bsdf_evaluate(s.wi).value * s.radiance * (f32(at.lights) / s.pdf) * visible(s.ray);
         }
     }

@@ -22,7 +22,7 @@ fn light(at: Hit, weight: vec3f, branch: u32) {
         if (i < at.lights) {
             let u = random_at(2u * branch + min(i, 1u));
             let light = light_sample(i, u, random2_at(2u * branch));
-            if (dot(light.wi, at.geometric_normal) > 0.0) {
+            if (is_above(light.wi)) {
                 let value = bsdf_evaluate(light.wi).value;
                 shadow(light.ray, weight * value * light.radiance / light.pdf);
             }

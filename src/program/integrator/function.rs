@@ -53,6 +53,7 @@ host_functions! {
     Hemisphere "cosine_hemisphere" "A direction around +z.";
     World "to_world" "From the shading basis to the world.";
     Leave "leave" "A ray that leaves the surface.";
+    Above "is_above" "Whether a direction points away from the surface.";
     Light "light_sample" "A sample of a light.";
     Evaluate "bsdf_evaluate" "The value of the BSDF.";
     Sample "bsdf_sample" "A sample of the BSDF.";
@@ -86,7 +87,16 @@ impl HostFunction {
     /// True if it needs the surface that a ray has hit.
     #[inline]
     pub fn needs_hit(self) -> bool {
-        matches!(self, Self::World | Self::Leave | Self::Light | Self::Evaluate | Self::Sample | Self::Ways)
+        matches!(
+            self,
+            Self::World
+                | Self::Leave
+                | Self::Above
+                | Self::Light
+                | Self::Evaluate
+                | Self::Sample
+                | Self::Ways
+        )
     }
 }
 

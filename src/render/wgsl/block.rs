@@ -306,6 +306,7 @@ impl<'a, 'b, L: Lanes> Block<'a, 'b, L> {
             match call.function {
                 HostFunction::World => surfaces.world(l, call, start),
                 HostFunction::Leave => surfaces.leave(l, call, start),
+                HostFunction::Above => surfaces.is_above(l, call, start),
                 HostFunction::Light => surfaces.light(l, self.frame, call, start, lanes),
                 HostFunction::Evaluate => surfaces.evaluate(l, call, start),
                 HostFunction::Sample => surfaces.sample(l, call, start),

@@ -133,6 +133,13 @@ impl<'a, L: Lanes> Surfaces<'a, L> {
         set_ray(call, 0, start, self.at.scattered_origin(direction), direction);
     }
 
+    /// `is_above`.
+    #[inline(always)]
+    pub fn is_above(&self, l: L, call: &HostCall<'_>, start: usize) {
+        let above = truth(self.at.is_above(call.vector(l, 0, start)));
+        call.set_number(0, start, above.to_num_bits());
+    }
+
     /// `light_sample` in some lanes.
     #[inline(always)]
     pub fn light(&self, l: L, frame: &Frame, call: &HostCall<'_>, start: usize, lanes: Mask<L>) {
