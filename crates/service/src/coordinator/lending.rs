@@ -6,7 +6,7 @@ use super::task::Task;
 use super::workers::Standing;
 use super::{Run, Runner, State};
 use crate::contract::{Granted, Held, Leased, MOST_SLOTS, Unit, UnitId, Wanted};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -26,8 +26,7 @@ pub(super) struct Outstanding {
     /// The keys of those that said that they cannot render it, and why.
     pub failed: Vec<(String, String)>,
     /// The keys of those that fell silent or ended while they had it, and how often that has happened.
-    pub lost: HashSet<String>,
-    pub losses: u32,
+    pub lost: HashMap<String, u32>,
     /// The rendering of another worker with which this one is compared, if it is a second one.
     pub compared: Option<Comparison>,
     /// True if this process renders it.
@@ -71,8 +70,7 @@ impl Outstanding {
             holders: Vec::new(),
             deliveries: 0,
             failed: Vec::new(),
-            lost: HashSet::new(),
-            losses: 0,
+            lost: HashMap::new(),
             compared,
             is_home: false,
         }
@@ -91,7 +89,7 @@ impl Outstanding {
     fn is_no_good(&self, key: &str) -> bool {
         let has_failed = self.failed.iter().any(|(failed, _)| failed == key);
         has_failed
-            || self.lost.contains(key)
+            || self.lost.contains_key(key)
             || self.compared.as_ref().is_some_and(|first| first.first.key == key)
     }
 
@@ -108,7 +106,7 @@ impl Outstanding {
         let holdings: Vec<Holding> = self.holders.iter().map(holding).collect();
         let is_own = self.compared.as_ref().is_some_and(|first| first.first.key == key);
         let has_failed = self.failed.iter().any(|(failed, _)| failed == key)
-            || self.lost.contains(key) && state.workers.has_other(|other| self.is_no_good(other), lease);
+            || self.lost.contains_key(key) && state.workers.has_other(|other| self.is_no_good(other), lease);
         decisions::taking(&Asked { holdings: &holdings, is_own, has_failed }, lease, lease)
     }
 }
@@ -300,9 +298,9 @@ impl Runner {
             let label = state.workers.label(&key);
             log::info!("{}: worker {label} has gone; others may have it", state.subject(&id));
             let Some(unit) = state.outstanding.get_mut(&id) else { continue };
-            unit.lost.insert(key.clone());
-            unit.losses += 1;
-            let (losses, row, is_compared) = (unit.losses, unit.row.clone(), unit.compared.is_some());
+            *unit.lost.entry(key.clone()).or_default() += 1;
+            let losses = decisions::losses(unit.lost.values().copied());
+            let (row, is_compared) = (unit.row.clone(), unit.compared.is_some());
             drop(state);
             if is_compared {
                 continue;

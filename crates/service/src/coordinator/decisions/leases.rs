@@ -54,6 +54,17 @@ pub enum Taking {
     No,
 }
 
+/// Losses of a unit, of which each worker has had so many. A worker counts at most as often as the one with the next
+/// fewer losses: one that takes a unit again and again and falls silent shows nothing about the unit.
+pub fn losses(each: impl Iterator<Item = u32>) -> u32 {
+    let mut each: Vec<u32> = each.collect();
+    each.sort_unstable();
+    if let [.., next, most] = &mut each[..] {
+        *most = (*most).min(*next);
+    }
+    each.into_iter().sum()
+}
+
 /// Decides whether a worker gets a unit. A holder that is silent for `silence` counts as gone.
 pub fn taking(asked: &Asked<'_>, silence: Duration, lease: Duration) -> Taking {
     let is_gone = |holding: &Holding| holding.silent >= silence;
@@ -99,6 +110,14 @@ mod tests {
             })
             .collect();
         taking(&Asked { holdings: &holdings, ..Asked::default() }, LEASE, LEASE)
+    }
+
+    #[test]
+    fn one_worker_alone_does_not_make_a_unit_look_deadly() {
+        let of = |each: &[u32]| losses(each.iter().copied());
+        assert_eq!((of(&[]), of(&[5]), of(&[3, 2])), (0, 5, 4), "alone, it is all that is known");
+        assert_eq!(of(&[1, 40, 1, 1]), 4, "a thief beside three honest ones");
+        assert_eq!(of(&[2, 3, 2]), 6);
     }
 
     #[test]

@@ -14,7 +14,9 @@ pub use crate::coordinator::ledger::UnitRow;
 pub use cut::{BLOCK_PIXELS, Sizes, Speed};
 pub use fair::{Candidate, Share, entry, next};
 pub use folding::{MOST_FILES, is_to_be_folded};
-pub use leases::{Asked, FIRST_COMPARED, Holding, REST_LEASES, Taking, is_compared, is_fruitless, taking};
+pub use leases::{
+    Asked, FIRST_COMPARED, Holding, REST_LEASES, Taking, is_compared, is_fruitless, losses, taking,
+};
 pub use offers::{OPEN_FRAMES, at_once, wanted, wants_frame};
 pub use pass_units::PassUnits;
 pub use standby::{FIRST_FETCHES, FIRST_WORKERS, Fetch, Load, is_to_fetch, most_workers};
