@@ -211,7 +211,6 @@ impl LaneTask for Splats<'_> {
 }
 
 /// A scene from its own files, and from a flat file.
-#[cfg(feature = "service")]
 mod flat {
     use super::*;
     use raystream::memory::MemoryBudget;

@@ -2,12 +2,12 @@
 //! the noise of both sides:
 //!
 //! ```text
-//! cargo run --release --example compare_reference -- FOLDER
+//! cargo run --release --example compare_reference -- FOLDER [SAMPLES]
 //! ```
 //!
 //! FOLDER holds `cornell/cornell.obj`, `cornell/cornell-glass.obj` and, beside each, its linear radiance as
-//! `.npy`: float32 (256, 256, 3), independent samples, box filter, no Russian roulette.
-//! Exits with 1 when they disagree.
+//! `.npy`: float32 (256, 256, 3), independent samples, box filter, no Russian roulette. Our picture is the mean of 32
+//! renders of SAMPLES samples each, by default 32. Exits with 1 when they disagree.
 
 use glam::Vec3;
 use raystream::engine::{PreparedScene, Units};
@@ -23,8 +23,10 @@ const SIZE: usize = 256;
 const BLOCK: usize = 16;
 const BLOCKS: usize = (SIZE / BLOCK) * (SIZE / BLOCK);
 
-/// Our picture is the mean of this many renders of this many samples each: 1024 samples in all.
+/// Our picture is the mean of this many renders.
 const RENDERS: u32 = 32;
+
+/// Samples of each of them, unless the arguments say otherwise.
 const SAMPLES: u32 = 32;
 
 /// Renders of one sample each: their spread is that of independent samples, as the reference has them.
@@ -54,16 +56,23 @@ const REFERENCES: [Reference; 2] = [
 type Blocks = Vec<[f64; 3]>;
 
 fn main() -> Result<ExitCode, Box<dyn Error>> {
-    let folder = std::env::args().nth(1).ok_or("name the folder with the reference images")?;
+    let mut arguments = std::env::args().skip(1);
+    let folder = arguments.next().ok_or("name the folder with the reference images")?;
+    let samples = arguments.next().map_or(Ok(SAMPLES), |samples| samples.parse())?;
     let service = Service::new(ServiceOptions::default().with_device_thread(false))?;
     let mut agree = true;
     for reference in &REFERENCES {
-        agree &= compare(Path::new(&folder), reference, &service)?;
+        agree &= compare(Path::new(&folder), reference, samples, &service)?;
     }
     Ok(if agree { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bool, Box<dyn Error>> {
+fn compare(
+    folder: &Path,
+    reference: &Reference,
+    samples: u32,
+    service: &Service,
+) -> Result<bool, Box<dyn Error>> {
     let name = reference.name;
     let file = |extension: &str| folder.join("cornell").join(name).with_extension(extension);
     let npy = npyz::NpyFile::new(std::io::BufReader::new(std::fs::File::open(file("npy"))?))?;
@@ -87,7 +96,7 @@ fn compare(folder: &Path, reference: &Reference, service: &Service) -> Result<bo
         prepared.submit(service, path.clone(), JobOptions::default())?.wait()?;
         Ok(blocks(&path.film().resolve()))
     };
-    let ours = (0..u64::from(RENDERS)).map(|seed| render(seed, SAMPLES)).collect::<Result<Vec<_>, _>>()?;
+    let ours = (0..u64::from(RENDERS)).map(|seed| render(seed, samples)).collect::<Result<Vec<_>, _>>()?;
     let singles =
         (0..u64::from(SINGLES)).map(|seed| render(1000 + seed, 1)).collect::<Result<Vec<_>, _>>()?;
 

@@ -22,6 +22,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("RAYSTREAM", ROOT / "target" / "release" / "raystream")
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 TLS = bool(os.environ.get("RAYSTREAM_TLS"))
+# Of tests that no transport changes: once is enough.
+page_alone = unittest.skipIf(TLS, "tested without TLS")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
          "--disable-component-update", "--disable-sync"]
 

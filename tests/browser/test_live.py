@@ -28,6 +28,7 @@ class Live(service.Case):
         self.assertNotEqual(turned, flags)
         self.assertRegex(turned, r"^--eye \S+ --target \S+ --up \S+ --fov \S+$")
 
+    @service.page_alone
     def test_keys_walk_frame_and_reset(self):
         page = self.live()
         flags = page.get_by_test_id("camera-flags")
@@ -82,6 +83,7 @@ class Live(service.Case):
         self.assertGreater(len(kept), 3)
         self.assertFalse(page.evaluate("window.fell"))
 
+    @service.page_alone
     def test_a_click_selects_a_material_whose_edit_is_shown(self):
         page = self.live()
         box = page.get_by_test_id("picture").bounding_box()
@@ -118,6 +120,7 @@ class Live(service.Case):
                 page.get_by_test_id(f"save-{kind}").click()
             self.assertTrue(download.value.path().read_bytes().startswith(magic))
 
+    @service.page_alone
     def test_the_saved_spec_renders_the_picture_that_was_shown(self):
         page = self.live()
         generation = page.evaluate("raystream.gen")
@@ -170,6 +173,7 @@ class Live(service.Case):
         dialog.wait_for(state="hidden")
         self.wait_for(page, "raystream.frames > 0")
 
+    @service.page_alone
     def test_no_panel_is_wider_than_a_narrow_screen(self):
         for scheme in ("light", "dark"):
             page = self.live(width=360, height=720, color_scheme=scheme, has_touch=True)
@@ -179,6 +183,7 @@ class Live(service.Case):
                 wide = page.evaluate("document.documentElement.scrollWidth")
                 self.assertLessEqual(wide, 360, f"{name}, {scheme}")
 
+    @service.page_alone
     def test_controls_have_names(self):
         page = self.live()
         kinds = "button, input, select, textarea, canvas"

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Frames that are rendered in all.
-const FRAMES: usize = 100;
+const FRAMES: usize = 60;
 
 /// Frames that are rendered with the same stage; after them the machine is opened anew.
 const FRAMES_A_STAGE: usize = 5;
@@ -104,9 +104,9 @@ fn frames_with_failing_devices_are_right_and_memory_stays_flat() {
     }
     let start = Instant::now();
     let frames = std::env::var("RAYSTREAM_DEVICE_FRAMES").map_or(FRAMES, |n| n.parse().expect("a number"));
-    let warm = soak(frames / 5, 2);
+    let warm = soak(frames / 3, 2);
     let before = resident_bytes();
-    let seen = soak(frames - frames / 5, 3);
+    let seen = soak(frames - frames / 3, 3);
     let after = resident_bytes();
     println!("{warm:?}, then {seen:?}, {:.0} s; {before:?} → {after:?} bytes", start.elapsed().as_secs_f32());
     assert!(seen.losses >= frames / 25 && seen.with_a_replacement >= frames / 100, "{seen:?}");

@@ -5,14 +5,10 @@ pub mod build;
 pub mod embree;
 pub mod frame;
 pub mod latency;
-#[cfg(feature = "service")]
-pub mod live;
 pub mod modelled_device;
 pub mod noise;
 mod order;
 pub mod pictures;
-#[cfg(feature = "service")]
-pub mod plan;
 pub mod rays;
 pub mod schedule;
 pub mod shaders;

@@ -4,6 +4,7 @@
 //! contract <- bus <- coordinator <- http        scenes come in, pictures go out
 //!     ^        ^----- worker                    units of a frame -> sums
 //!     +-- backend (spec -> open job), live (a moving picture) below coordinator, worker and http
+//! plan                                          predicts them with their own decisions
 //! ```
 //!
 //! A job is a [`raystream::picture::RenderSpec`] of an uploaded scene, so it has the bytes of `raystream render`. The
@@ -18,4 +19,5 @@ pub mod contract;
 pub mod coordinator;
 pub mod http;
 pub mod live;
+pub mod plan;
 pub mod worker;

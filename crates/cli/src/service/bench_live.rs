@@ -5,9 +5,9 @@ use crate::sheet::write;
 use anyhow::Result;
 use raystream::picture::RenderSpec;
 use raystream::schedule::{Service, ServiceOptions};
-use raystream_bench::live::{Options, run as measure};
 use raystream_service::contract::Pose;
 use raystream_service::live::ViewScene;
+use raystream_service::live::speed::{Options, run as measure};
 use std::sync::Arc;
 use std::time::Duration;
 

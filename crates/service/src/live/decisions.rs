@@ -1,6 +1,6 @@
 //! What a view decides about frames that several machines render, as functions of what it knows: who gets which rows,
 //! what becomes of a machine whose tile is late. Nothing here knows of threads, clocks or a bus, so the simulator
-//! (`raystream_bench::plan`) decides with the same code.
+//! (`crate::plan`) decides with the same code.
 
 use super::strips::STRIP_ROWS;
 use std::ops::Range;

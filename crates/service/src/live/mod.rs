@@ -27,6 +27,7 @@ mod resolution;
 mod saved;
 mod session;
 mod shared_frame;
+pub mod speed;
 mod statistics;
 mod strips;
 #[cfg(test)]

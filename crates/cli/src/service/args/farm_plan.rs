@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use raystream::picture::form::{Form, Size};
-use raystream_bench::plan::Costs;
+use raystream_service::plan::Costs;
 use serde_json::Value;
 use std::path::PathBuf;
 

@@ -7,7 +7,7 @@ use crate::service::args::{FarmPlanArgs, JobName};
 use crate::sheet::Provenance;
 use crate::stats;
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use raystream_bench::plan::{Costs, Farm, FramesJob, PlannedJob, Prediction, measured, predict_all};
+use raystream_service::plan::{Costs, Farm, FramesJob, PlannedJob, Prediction, measured, predict_all};
 use serde::Serialize;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! What the coordinator decides, as functions of what it knows: how units are cut, which are offered, who renders them,
 //! who stands by, when sums are written into one file. Nothing here knows of threads, clocks, files or a bus, so the
-//! simulator (`raystream_bench::plan`) decides with the same code.
+//! simulator (`crate::plan`) decides with the same code.
 
 mod cut;
 mod fair;

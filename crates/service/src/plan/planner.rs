@@ -4,8 +4,8 @@ use super::clock::{Time, seconds};
 use super::coordinator::{Commit, Question, Work};
 use super::shared::Turns;
 use super::simulator::{Event, Flight, Run, Simulator};
+use crate::coordinator::decisions::{self, BLOCK_PIXELS, PLANNER_PAUSE, PassUnits, Sizes};
 use raystream::schedule::Priority;
-use raystream_service::coordinator::decisions::{self, BLOCK_PIXELS, PLANNER_PAUSE, PassUnits, Sizes};
 
 /// What the coordinator does for a job besides units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,10 +3,10 @@
 //!
 //! The client is in the same process. Times include the view transform and JPEG, and neither a network nor a browser.
 
-use super::Spread;
+use super::{Frame, LiveView, Request, ViewScene};
+use crate::contract::Pose;
 use glam::Quat;
-use raystream_service::contract::Pose;
-use raystream_service::live::{Frame, LiveView, Request, ViewScene};
+use raystream::meters::Spread;
 use serde::Serialize;
 use std::io;
 use std::sync::mpsc::{Receiver, channel};

@@ -8,9 +8,9 @@ use super::planner::{OpenFrames, Planner, Task};
 use super::prediction::{Load, Prediction};
 use super::shared::{Shared, Turns};
 use super::standby::Standby;
+use crate::contract::ANSWERED_TOGETHER;
+use crate::coordinator::decisions::{BLOCK_PIXELS, Candidate, Share, Speed, TASK_THREADS};
 use raystream::render::{Blocks, Pass};
-use raystream_service::contract::ANSWERED_TOGETHER;
-use raystream_service::coordinator::decisions::{BLOCK_PIXELS, Candidate, Share, Speed, TASK_THREADS};
 use std::collections::VecDeque;
 
 /// A farm on which no unit ends for so many seconds does nothing.

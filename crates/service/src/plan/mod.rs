@@ -1,6 +1,5 @@
 //! Predicts what a farm takes for a job: a simulator that decides with the coordinator's own code
-//! (`raystream_service::coordinator::decisions`), and charges measured [`Costs`] for what machines, network and
-//! coordinator do.
+//! (`crate::coordinator::decisions`), and charges measured [`Costs`] for what machines, network and coordinator do.
 //!
 //! ```text
 //! planner - offer -> bus - lease -> slot of a machine: ask -> scene -> render -> send -+

@@ -4,8 +4,8 @@ use super::clock::{Time, seconds, time};
 use super::coordinator::Question;
 use super::shared::Shared;
 use super::simulator::{Begun, Event, Flight, Having, Simulator};
-use raystream_service::contract::{BEATS, PART_BYTES};
-use raystream_service::coordinator::decisions::{self, Fetch};
+use crate::contract::{BEATS, PART_BYTES};
+use crate::coordinator::decisions::{self, Fetch};
 use std::collections::VecDeque;
 use xxhash_rust::xxh3::xxh3_64;
 

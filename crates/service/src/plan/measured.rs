@@ -1,9 +1,9 @@
 //! What a job of the service has cost, from its timeline (`raystream timeline`).
 
 use super::costs::{Costs, FramesJob};
+use crate::coordinator::decisions::BLOCK_PIXELS;
 use raystream::render::Blocks;
 use raystream::schedule::Priority;
-use raystream_service::coordinator::decisions::BLOCK_PIXELS;
 use serde_json::Value;
 use std::collections::BTreeMap;
 

@@ -1,15 +1,15 @@
 //! Live views: each moving frame is divided into rows, which the coordinator and machines render at the same time.
 //!
 //! Who gets which rows, what becomes of a late tile and how large frames are is decided by the code of the view
-//! ([`raystream_service::live`]). One frame is under way at a time. Its size follows from the time of those before it,
-//! so more machines give sharper frames first, and more frames a second once they are as sharp as can be.
+//! ([`crate::live`]). One frame is under way at a time. Its size follows from the time of those before it, so more
+//! machines give sharper frames first, and more frames a second once they are as sharp as can be.
 
 use super::clock::{Clock, Time, seconds};
 use super::costs::{Costs, Farm, LiveJob};
 use super::prediction::{Load, Prediction};
 use super::shared::Shared;
-use raystream_service::live::Resolution;
-use raystream_service::live::decisions::{self, DEADLINE, Division, Late, REST, Record, Speed};
+use crate::live::Resolution;
+use crate::live::decisions::{self, DEADLINE, Division, Late, REST, Record, Speed};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;

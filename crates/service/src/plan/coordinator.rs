@@ -4,7 +4,7 @@ use super::clock::{Time, seconds, time};
 use super::machine::Slot;
 use super::planner::Task;
 use super::simulator::{Begun, Event, Simulator};
-use raystream_service::coordinator::decisions::{self, Asked, Holding, MOST_ATTEMPTS, MOST_FILES, Taking};
+use crate::coordinator::decisions::{self, Asked, Holding, MOST_ATTEMPTS, MOST_FILES, Taking};
 use std::fmt::Write as _;
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_64;

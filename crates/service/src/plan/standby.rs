@@ -4,8 +4,8 @@ use super::clock::{Time, seconds};
 use super::costs::Costs;
 use super::machine::Slot;
 use super::simulator::Simulator;
-use raystream_service::contract::{BEATS, REPORT};
-use raystream_service::coordinator::decisions::{self, Load, OPEN_FRAMES, PLANNER_PAUSE};
+use crate::contract::{BEATS, REPORT};
+use crate::coordinator::decisions::{self, Load, OPEN_FRAMES, PLANNER_PAUSE};
 
 /// Units that are simulated before their costs are believed.
 const BELIEVED: u64 = 32;
