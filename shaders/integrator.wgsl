@@ -93,8 +93,8 @@ fn to_world(direction: vec3f) -> vec3f {
     return vec3f();
 }
 
-// Whether a direction points away from the surface: above the triangle or, where vertex normals suggest that the surface
-// is bent outwards, above the shading normal's plane. Light from there reaches it.
+// Whether a direction points away from the surface: above the triangle or, where vertex normals suggest that the
+// surface is bent outwards, above the shading normal's plane. Light from there reaches it.
 fn is_above(direction: vec3f) -> bool {
     return false;
 }

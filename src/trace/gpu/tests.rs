@@ -205,8 +205,8 @@ fn inexact_arithmetic_needs_the_margins() {
 }
 
 /// The form of a device that fuses its multiply-add and keeps subnormal numbers is among them, with each emulated
-/// route. Most triangles are masked. Drivers take seconds for the kernels of one: all of them when the long run asks for
-/// more pairs (`scripts/soak`).
+/// route. Most triangles are masked. Drivers take seconds for the kernels of one: all of them when the long run asks
+/// for more pairs (`scripts/soak`).
 #[test]
 fn forms_of_exact_hits_have_the_hosts_bits() {
     let fused = |route| Form { route, sides: Sides::Exact, flushes: false };

@@ -54,8 +54,8 @@ pub enum Taking {
     No,
 }
 
-/// Losses of a unit, of which each worker has had so many. A worker counts at most as often as the one with the next
-/// fewer losses: one that takes a unit again and again and falls silent shows nothing about the unit.
+/// Losses of a unit, from the number that each worker has had. A worker counts at most as often as the one with the
+/// next fewer losses: one that takes a unit again and again and falls silent shows nothing about the unit.
 pub fn losses(each: impl Iterator<Item = u32>) -> u32 {
     let mut each: Vec<u32> = each.collect();
     each.sort_unstable();
