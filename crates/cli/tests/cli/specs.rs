@@ -73,9 +73,10 @@ fn no_scene_and_wrong_options_are_told_with_their_place() {
     assert!(outside.contains("lies outside of this folder"), "{outside}");
 }
 
-/// Files of commit 22fbd17: half of a still, three frames of an animation.
+/// Files of commit 08b96e2: a third of a still, three frames of an animation; and half of the still of commit 22fbd17,
+/// which had other pictures.
 #[test]
-fn checkpoints_of_the_build_before_go_on() {
+fn checkpoints_of_a_build_before_go_on_or_are_refused() {
     let folder = folder();
     let stored = |name: &str| {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/stored").join(name);
@@ -103,6 +104,14 @@ fn checkpoints_of_the_build_before_go_on() {
         json(&folder.path().join("s.json"))["rays"]["camera"].as_u64() < Some(4096 * 24 * 16),
         "it went on"
     );
+    stored("still-of-version-1.checkpoint");
+    let other = ["--checkpoint", "still-of-version-1.checkpoint", "--resume", "-o", "other.npy"];
+    let told = run(folder.path(), &[&["render"], &still[..], &other].concat(), 2);
+    assert!(
+        told.contains("cannot resume from it; remove it to start over: it is of another picture"),
+        "{told}"
+    );
+    assert!(!folder.path().join("other.npy").exists());
     stored("frames.checkpoint");
     let frames = ["render", &*scene, "--size", "24x16", "--spp", "300", "--seed", "5", "--frames", "0..6"];
     let more = ["--turntable", "10", "-o", "f%d.npy", "--tracer", "cpu"];
