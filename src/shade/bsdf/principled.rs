@@ -71,6 +71,15 @@ pub(super) fn white<L: Lanes>(l: L) -> Vector<L> {
     Vector::grey(Num::splat(l, 1.0))
 }
 
+/// Light that facets below the fibres reflect or refract, if there are fibres, with the shares of both directions.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn below<L: Lanes>(fibres: Option<(&Sheen<L>, [Num<L>; 2])>, light: Vector<L>) -> Vector<L> {
+    match fibres {
+        None => light,
+        Some((sheen, [near, far])) => light * sheen.passed(near).min(sheen.passed(far)),
+    }
+}
+
 impl<L: Lanes> Principled<L> {
     /// The BSDFs at points. `wo` is outside of the body in the lanes of `outside`.
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -490,21 +499,16 @@ impl<L: Lanes> Principled<L> {
             value = value * sheen.passed_both_ways(shares);
             fibres = Some((sheen, shares));
         }
-        // Light of facets below the fibres.
-        let below = |light: Vector<L>| match fibres {
-            None => light,
-            Some((sheen, [near, far])) => light * sheen.passed(near).min(sheen.passed(far)),
-        };
         let facet_cosine = half.dot(wo);
         let rough = self.facets.rough & lit;
         if rough.any() {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
-            value += below((self.facet(facet_cosine) * perfect).only(rough));
+            value += below(fibres, (self.facet(facet_cosine) * perfect).only(rough));
             pdf += (probabilities.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
             let (light, density) = wo.lanes().outlined(EvaluateFrost { frost, wi });
-            value = value.only(sides) + below(light);
+            value = value.only(sides) + below(fibres, light);
             pdf = pdf.only(sides) + probabilities.frosted * density;
             sides |= frost.through.frosted;
         }
