@@ -73,7 +73,7 @@ pub(super) fn white<L: Lanes>(l: L) -> Vector<L> {
 
 /// Light that facets below the fibres reflect or refract, if there are fibres, with the shares of both directions.
 #[cfg_attr(not(unoptimised), inline(always))]
-fn below<L: Lanes>(fibres: Option<(&Sheen<L>, [Num<L>; 2])>, light: Vector<L>) -> Vector<L> {
+fn under_fibres<L: Lanes>(fibres: Option<(&Sheen<L>, [Num<L>; 2])>, light: Vector<L>) -> Vector<L> {
     match fibres {
         None => light,
         Some((sheen, [near, far])) => light * sheen.passed(near).min(sheen.passed(far)),
@@ -503,12 +503,12 @@ impl<L: Lanes> Principled<L> {
         let rough = self.facets.rough & lit;
         if rough.any() {
             let (perfect, density) = self.facets.ggx.evaluate(wo, wi, half);
-            value += below(fibres, (self.facet(facet_cosine) * perfect).only(rough));
+            value += under_fibres(fibres, (self.facet(facet_cosine) * perfect).only(rough));
             pdf += (probabilities.facets * density).only(rough);
         }
         if let Some(frost) = self.frost(wo) {
             let (light, density) = wo.lanes().outlined(EvaluateFrost { frost, wi });
-            value = value.only(sides) + below(fibres, light);
+            value = value.only(sides) + under_fibres(fibres, light);
             pdf = pdf.only(sides) + probabilities.frosted * density;
             sides |= frost.through.frosted;
         }

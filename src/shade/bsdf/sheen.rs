@@ -118,6 +118,15 @@ impl<L: Lanes> Sheen<L> {
     }
 }
 
+/// The row of the table before a roughness, and the way from there to the next one.
+#[inline(always)]
+fn row_of<L: Lanes>(roughness: Num<L>) -> (Int<L>, Num<L>) {
+    let last = (NODES - 1) as f32;
+    let across = (roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
+    let row = across.clamp(0.0, last - 1.0).floor();
+    (row.to_int(), across - row)
+}
+
 /// A lookup in the table, compiled out of line: few surfaces have sheen.
 struct AlbedoLookup<L: Lanes> {
     roughness: Num<L>,
@@ -130,11 +139,11 @@ impl<L: Lanes> OutlinedTask<L> for AlbedoLookup<L> {
     #[inline(always)]
     fn run(self, _: L) -> Num<L> {
         let last = (NODES - 1) as f32;
-        let across = (self.roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
+        let (row, down) = row_of(self.roughness);
         let along = self.z.clamp(0.0, 1.0).sqrt() * last;
-        let (row, column) = (across.clamp(0.0, last - 1.0).floor(), along.clamp(0.0, last - 1.0).floor());
-        let (down, right) = (across - row, along - column);
-        let first = row.to_int() * NODES as u32 + column.to_int();
+        let column = along.clamp(0.0, last - 1.0).floor();
+        let right = along - column;
+        let first = row * NODES as u32 + column.to_int();
         let upper = first.of(table()).lerp((first + 1).of(table()), right);
         let below = first + NODES as u32;
         upper.lerp(below.of(table()).lerp((below + 1).of(table()), right), down)
@@ -151,10 +160,8 @@ impl<L: Lanes> OutlinedTask<L> for MeanLookup<L> {
 
     #[inline(always)]
     fn run(self, _: L) -> Num<L> {
-        let last = (NODES - 1) as f32;
-        let across = (self.roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
-        let row = across.clamp(0.0, last - 1.0).floor();
-        row.to_int().of(means()).lerp((row.to_int() + 1).of(means()), across - row)
+        let (row, down) = row_of(self.roughness);
+        row.of(means()).lerp((row + 1).of(means()), down)
     }
 }
 
