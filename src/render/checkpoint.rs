@@ -41,12 +41,13 @@ impl Identity {
         }
     }
 
-    /// The name and the two values of the first thing in which two pictures differ.
+    /// The name and the two values of the first thing in which two pictures differ: their version before all, since
+    /// another build may write the other things in another way.
     pub fn difference<'a>(&'a self, other: &'a Self) -> Option<(&'a str, [Option<&'a str>; 2])> {
-        let names: BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
-        names.into_iter().find_map(|what| {
+        let names: BTreeSet<&str> = self.0.keys().chain(other.0.keys()).map(String::as_str).collect();
+        [Self::PICTURES].into_iter().chain(names).find_map(|what| {
             let values = [self, other].map(|of| of.0.get(what).map(String::as_str));
-            (values[0] != values[1]).then_some((what.as_str(), values))
+            (values[0] != values[1]).then_some((what, values))
         })
     }
 
