@@ -4,7 +4,7 @@
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
-use raystream::scene::{Camera, load};
+use raystream::scene::{Camera, Scene, load};
 use raystream::schedule::{JobOptions, Policy, Service, ServiceOptions, Unit};
 use raystream::trace::gpu::Fault;
 use std::path::Path;
@@ -18,6 +18,9 @@ const FRAMES: usize = 60;
 /// Frames that are rendered with the same stage; after them the machine is opened anew.
 const FRAMES_A_STAGE: usize = 5;
 
+/// Devices that are open at the same time before memory is measured: more than ever are later, lost ones included.
+const AT_ONCE: usize = 8;
+
 /// What a run has seen.
 #[derive(Debug, Default)]
 struct Seen {
@@ -27,10 +30,25 @@ struct Seen {
     with_a_replacement: usize,
 }
 
+fn cornell() -> Arc<Scene> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
+    Arc::new(load::load(&file).expect("scene"))
+}
+
+/// Opens devices at the same time, each with a scene. What they take, the allocator keeps.
+fn open_at_once() {
+    let scene = cornell();
+    let open = |_| {
+        let units = Units::open(&UnitChoice::auto().with_unit(Unit::Gpu)).expect("units");
+        PreparedScene::new(scene.clone(), &units).expect("a valid scene")
+    };
+    let open: Vec<_> = (0..AT_ONCE).map(open).collect();
+    assert!(open.iter().all(|prepared| prepared.tracers.device.is_some()));
+}
+
 /// Renders `frames` frames with a device that fails somewhere among each few.
 fn soak(frames: usize, seed: u32) -> Seen {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.json");
-    let scene = Arc::new(load::load(&file).expect("scene"));
+    let scene = cornell();
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 1.0));
     let options = ServiceOptions::default().with_host_threads(2);
     let service = Service::new(options).expect("threads");
@@ -87,8 +105,8 @@ fn resident_bytes() -> Option<usize> {
 }
 
 /// `cargo test --release --test gpu soak -- --nocapture` tells what it saw; `RAYSTREAM_DEVICE_FRAMES` asks for another
-/// number of frames. The process has one of glibc's arenas: of the eight a core that it may have, each keeps what
-/// kernels took that were compiled on its threads, so memory would grow towards a bound for hundreds of frames.
+/// number of frames. What an allocator keeps is not what a device loses, so the process has one of glibc's arenas, where
+/// it may have eight a core, and has had as many devices at the same time as it ever will.
 #[test]
 fn frames_with_failing_devices_are_right_and_memory_stays_flat() {
     // Other tests of this program take memory meanwhile, so frames are rendered in a process of their own.
@@ -102,6 +120,7 @@ fn frames_with_failing_devices_are_right_and_memory_stays_flat() {
     }
     let start = Instant::now();
     let frames = std::env::var("RAYSTREAM_DEVICE_FRAMES").map_or(FRAMES, |n| n.parse().expect("a number"));
+    open_at_once();
     let warm = soak(frames / 3, 2);
     let before = resident_bytes();
     let seen = soak(frames - frames / 3, 3);
@@ -109,6 +128,6 @@ fn frames_with_failing_devices_are_right_and_memory_stays_flat() {
     println!("{warm:?}, then {seen:?}, {:.0} s; {before:?} → {after:?} bytes", start.elapsed().as_secs_f32());
     assert!(seen.losses >= frames / 25 && seen.with_a_replacement >= frames / 100, "{seen:?}");
     if let (Some(before), Some(after)) = (before, after) {
-        assert!(after < before + (64 << 20), "{before} bytes before, {after} after");
+        assert!(after < before + (32 << 20), "{before} bytes before, {after} after");
     }
 }

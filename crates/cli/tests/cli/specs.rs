@@ -108,7 +108,10 @@ fn checkpoints_of_a_build_before_go_on_or_are_refused() {
     let other = ["--checkpoint", "still-of-version-1.checkpoint", "--resume", "-o", "other.npy"];
     let told = run(folder.path(), &[&["render"], &still[..], &other].concat(), 2);
     assert!(
-        told.contains("cannot resume from it; remove it to start over: it is of another picture"),
+        told.contains(
+            "cannot resume from it; remove it to start over: it is of another picture: \
+             the version of the pictures was 1, now it is"
+        ),
         "{told}"
     );
     assert!(!folder.path().join("other.npy").exists());

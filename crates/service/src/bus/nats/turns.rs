@@ -102,7 +102,8 @@ mod tests {
 
     #[tokio::test]
     async fn one_that_floods_waits_and_the_others_do_not() {
-        let turns = Arc::new(Turns::with_rate(Quota::with_period(Duration::from_secs(3600)).expect("a time")));
+        let turns =
+            Arc::new(Turns::with_rate(Quota::with_period(Duration::from_secs(3600)).expect("a time")));
         let turn = turns.queue("a").expect("there is room").turn().await;
         assert_eq!(turn.key(), "a");
         drop(turn);
