@@ -250,6 +250,33 @@ fn a_stolen_key_speaks_for_no_other_and_reads_nothing() {
 }
 
 #[test]
+fn a_key_that_floods_is_answered_so_often_and_delays_no_one() {
+    let (farm, data) = (Farm::new(2), folder());
+    let service = farm.coordinator(data.path());
+    let runtime = Runtime::new().expect("threads");
+    runtime.block_on(async {
+        let mut thief = Thief::new(&farm.url, &farm.of("workers/worker-1")).await;
+        let mut honest = Thief::new(&farm.url, &farm.of("workers/worker-2")).await;
+        let (began, wait) = (Instant::now(), Duration::from_secs(2));
+        let leave = || question(&json!("Leave"));
+        let (mut answered, mut slowest) = (0, Duration::ZERO);
+        while began.elapsed() < Duration::from_secs(4) {
+            answered += thief.ask_all("leave", vec![leave(); 8], wait).await.len();
+            let asked = Instant::now();
+            if answered % 256 == 0 {
+                assert_eq!(honest.ask_all("leave", vec![leave()], wait).await.len(), 1, "it is not answered");
+                slowest = slowest.max(asked.elapsed());
+            }
+        }
+        let most = 1000.0 + 500.0 * began.elapsed().as_secs_f32();
+        assert!((answered as f32) < most + 8.0, "{answered} of one are answered, at most {most}");
+        assert!(answered > 1000, "{answered} are answered at once and in some seconds");
+        println!("{answered} of the one that floods; the other waits {slowest:?} at most");
+    });
+    drop(service);
+}
+
+#[test]
 fn a_worker_that_is_asked_for_a_tile_answers_once_and_only_there() {
     let (farm, data) = (Farm::new(1), folder());
     let service = farm.coordinator(data.path());

@@ -8,6 +8,7 @@ use super::messages::{
 };
 use super::parts::Parts;
 use super::subjects::{asked, bell, is_inbox, live, old_question, question};
+use super::turns::Turns;
 use crate::bus::bell::Bell;
 use crate::bus::{BusError, LiveAnswered, WorkBus};
 use crate::contract::{
@@ -16,17 +17,12 @@ use crate::contract::{
 use async_nats::client::{Request, RequestErrorKind};
 use async_nats::{Client, Message};
 use futures_util::StreamExt;
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::{Handle, Runtime};
-use tokio::sync::Semaphore;
 
 /// The longest wait for a coordinator that writes a film to its disk.
 const DISK_TIMEOUT: Duration = Duration::from_secs(20);
-
-/// Questions of one worker that are answered at the same time: one that floods delays the others little.
-const OF_ONE: usize = ANSWERED_TOGETHER / 4;
 
 /// A bus over a NATS server.
 pub struct NatsBus {
@@ -137,18 +133,16 @@ impl WorkBus for NatsBus {
                 }
             });
             tokio::spawn(async move {
-                let limit = Arc::new(Semaphore::new(ANSWERED_TOGETHER));
-                let (parts, busy) = (Arc::new(Parts::default()), Arc::new(Busy::default()));
+                let (parts, turns) = (Arc::new(Parts::default()), Arc::new(Turns::default()));
                 while let Some(message) = questions.next().await {
                     // Who gets no answer asks again.
                     let Some((_, key)) = asked(&prefix, &message.subject) else { continue };
-                    let Some(turn) = Busy::enter(&busy, key) else { continue };
-                    let Ok(permit) = Arc::clone(&limit).acquire_owned().await else { return };
+                    let Some(queued) = turns.queue(key) else { continue };
                     let (client, coordinator, parts) =
                         (client.clone(), Arc::clone(&coordinator), Arc::clone(&parts));
                     tokio::spawn(async move {
-                        answer(&client, &message, &turn.1, coordinator, parts).await;
-                        drop((turn, permit));
+                        let turn = queued.turn().await;
+                        answer(&client, &message, turn.key(), coordinator, parts).await;
                     });
                 }
             });
@@ -296,37 +290,5 @@ async fn answer(
         && let Err(error) = client.publish(to, answer.into()).await
     {
         log::debug!("{error}");
-    }
-}
-
-/// How many questions of each worker are being answered.
-#[derive(Default)]
-struct Busy(Mutex<HashMap<String, usize>>);
-
-/// A question that is being answered, and whose it is.
-struct Turn(Arc<Busy>, String);
-
-impl Busy {
-    /// Begins to answer a question; `None` if too many of the same worker are under way.
-    fn enter(own: &Arc<Self>, key: &str) -> Option<Turn> {
-        let mut counts = own.0.lock().expect("no holder panics");
-        let count = counts.entry(key.to_owned()).or_default();
-        if *count >= OF_ONE {
-            return None;
-        }
-        *count += 1;
-        Some(Turn(Arc::clone(own), key.to_owned()))
-    }
-}
-
-impl Drop for Turn {
-    fn drop(&mut self) {
-        let mut counts = self.0.0.lock().expect("no holder panics");
-        if let Some(count) = counts.get_mut(&self.1) {
-            *count -= 1;
-            if *count == 0 {
-                counts.remove(&self.1);
-            }
-        }
     }
 }

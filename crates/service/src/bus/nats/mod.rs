@@ -13,6 +13,7 @@ mod spawn;
 mod subjects;
 #[cfg(test)]
 mod tests;
+mod turns;
 
 pub use bus::NatsBus;
 pub use connection::{NatsError, NatsOptions};
