@@ -86,7 +86,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! With `panic = "abort"` panics of wgpu cannot be caught: a request for a GPU then warns.
 //!
 //! # Versions
-//! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `trace`,
+//! What these pages show follows semantic versioning. Modules that they do not show (`bvh`, `device`, `trace`,
 //! `meters`) may change in any release. [`glam`] and [`bytemuck`] are part of the interface: a release that raises
 //! either is a breaking one. The oldest compiler is the `rust-version` of `Cargo.toml`; raising it is a minor release.
 
@@ -115,7 +115,8 @@ pub mod schedule;
 pub mod trace;
 
 #[cfg(feature = "gpu")]
-mod device;
+#[cfg_attr(not(feature = "unstable"), doc(hidden))]
+pub mod device;
 
 #[cfg(feature = "render")]
 pub mod shade;

@@ -3,12 +3,13 @@
 use super::opening::Opening;
 use super::units::{UnitChoice, UnitsError};
 use crate::bvh::{Bvh, Filter};
+use crate::device::{AdapterChoice, AdapterInfo, Fault, FoundAdapter, Gpu, GpuError};
 use crate::stream::{
     Capacity, DeviceError, DeviceMemory, DeviceState, DeviceStream, DeviceTracer, Ray, StreamMemory, Ticket,
     Tracer, Visits,
 };
 use crate::trace::cpu::{CpuTracer, SimdLevel};
-use crate::trace::gpu::{AdapterChoice, AdapterInfo, Fault, FoundAdapter, Gpu, GpuError, GpuTracer};
+use crate::trace::gpu::GpuTracer;
 use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 

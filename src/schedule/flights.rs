@@ -5,8 +5,9 @@ use super::policy;
 use super::state::JobId;
 use super::task::Work;
 use crate::stream::{ChunkScratch, Resolve, Ticket, catching, drop_quietly};
+use crate::sync::{Mutex, PoisonError};
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Identifies a bundle for as long as the service lives.

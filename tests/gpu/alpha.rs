@@ -3,13 +3,14 @@
 use crate::{compare, meshes, open, rays, trace};
 use glam::{Vec2, Vec3, Vec4};
 use raystream::bvh::{Bvh, Filter};
+use raystream::device::Gpu;
 use raystream::scene::{
     AlphaMode, Averaging, Channel, ColourSpace, Material, Mipmap, Scene, Texture, TextureRef, TriangleMesh,
     Wrap,
 };
 use raystream::stream::Ray;
 use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{Gpu, GpuTracer};
+use raystream::trace::gpu::GpuTracer;
 use std::sync::Arc;
 
 /// An image of noise with mipmap levels, which are none of alpha's business.

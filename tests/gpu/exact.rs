@@ -2,8 +2,8 @@
 
 use crate::{compare, instanced_scenes, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of};
 use glam::Vec3;
+use raystream::device::{AdapterChoice, Fault, Gpu};
 use raystream::stream::{BlockingTracer, Hit, MISS, Ray};
-use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::sync::Arc;
 
 /// Meshes of every kind, with the place and the size they are brought to.

@@ -2,8 +2,9 @@
 
 use crate::{compare, meshes, open, rays, trace, tracers};
 use glam::Vec3;
+use raystream::device::{AdapterChoice, AdapterKind, Gpu, GpuError, adapters};
 use raystream::stream::{BlockingTracer, DeviceError, Hit, Queries};
-use raystream::trace::gpu::{AdapterChoice, AdapterKind, Gpu, GpuError, GpuTracer, adapters};
+use raystream::trace::gpu::GpuTracer;
 use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, Instant};

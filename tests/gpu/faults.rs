@@ -2,13 +2,13 @@
 
 use crate::{compare, meshes, rays, tracers};
 use glam::Vec3;
+use raystream::device::{AdapterChoice, Fault, Gpu};
 use raystream::engine::{PreparedScene, UnitChoice, Units, UnitsError};
 use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, load};
 use raystream::schedule::{JobOptions, Service, ServiceOptions, Unit};
 use raystream::stream::{BlockingTracer, DeviceError, Hit, Queries};
-use raystream::trace::gpu::{AdapterChoice, Fault, Gpu};
 use std::path::Path;
 use std::sync::Arc;
 

@@ -18,9 +18,10 @@ mod soak;
 
 use meshes::Mesh;
 use raystream::bvh::{Bvh, Filter};
+use raystream::device::{AdapterChoice, Gpu};
 use raystream::stream::{BlockingTracer, DeviceReport, Hit, Queries, Ray};
 use raystream::trace::cpu::Oracle;
-use raystream::trace::gpu::{AdapterChoice, Gpu, GpuTracer};
+use raystream::trace::gpu::GpuTracer;
 use std::sync::Arc;
 
 /// Lets light through in a pattern.

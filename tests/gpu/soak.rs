@@ -1,12 +1,12 @@
 //! A long run in miniature: small frames, one after the other, while devices fail at random points. Every picture is
 //! the CPU's, lost devices are replaced, memory stays flat, nothing hangs.
 
+use raystream::device::Fault;
 use raystream::engine::{PreparedScene, UnitChoice, Units};
 use raystream::film::Image;
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{Camera, Scene, load};
 use raystream::schedule::{JobOptions, Policy, Service, ServiceOptions, Unit};
-use raystream::trace::gpu::Fault;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;

@@ -8,7 +8,7 @@ use raystream::schedule::{JobOptions, ServiceOptions};
 use raystream::stream::{Hit, MISS, Ray};
 
 const OPTIONS: &str = "crates/cli/src/args/saving.rs";
-const WATCHDOG: &str = "src/trace/gpu/watchdog.rs";
+const WATCHDOG: &str = "src/device/watchdog.rs";
 
 /// All of them.
 pub const PINS: &[(&str, Value)] = &[

@@ -32,5 +32,6 @@ pub mod memory;
 pub mod profile;
 pub mod query;
 pub mod stream;
+mod sync;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod trace;

@@ -3,8 +3,8 @@
 
 use super::GpuProgramError;
 use super::dispatch::{Entry, Pipelines};
+use crate::device::Gpu;
 use crate::program::device::{Kernel, Program, cases, sample_points};
-use crate::trace::gpu::Gpu;
 
 /// Points at which a shader is compared before it is used.
 const POINTS: usize = 10_000;

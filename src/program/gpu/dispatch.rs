@@ -1,18 +1,13 @@
 //! A kernel's pipelines and buffers: sends columns of words, runs an entry point, reads columns back.
 
 use super::GpuProgramError;
-use crate::device::{WORKGROUP, module};
-use crate::trace::gpu::Gpu;
+use crate::device::{CALLBACK_PATIENCE, Gpu, WORKGROUP, bind_whole, module};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
 
 /// The most points of a dispatch.
 pub(super) const MOST_POINTS: usize = 1 << 18;
-
-/// How long the thread that saw a submission done may take to run the callbacks of other threads' mappings.
-const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// An entry point of a kernel.
 #[derive(Clone, Copy, Debug)]
@@ -171,10 +166,8 @@ impl Pipelines {
 
     fn group(&self, device: &wgpu::Device, buffers: &Buffers) -> wgpu::BindGroup {
         let bindings = [&buffers.inputs, &buffers.results, &buffers.params];
-        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
-            .zip(bindings)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
+        let entries: Vec<wgpu::BindGroupEntry<'_>> =
+            (0..).zip(bindings).map(|(binding, buffer)| bind_whole(binding, buffer)).collect();
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shading"),
             layout: &self.layout,

@@ -12,8 +12,7 @@ mod tests;
 
 use super::device::{Kernel, Program};
 use super::{BsdfShader, PatternShader, ShaderError};
-use crate::device::{Checks, FloatControls, Fma, float_controls, spirv};
-use crate::trace::gpu::Gpu;
+use crate::device::{Checks, FloatControls, Fma, Gpu, float_controls, spirv};
 use dispatch::{Entry, MOST_POINTS, Pipelines};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

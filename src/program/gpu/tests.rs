@@ -2,11 +2,10 @@
 
 use super::dispatch::{Entry, Pipelines};
 use super::{GpuProgram, GpuProgramError, check};
-use crate::device::{Checks, Fma, float_controls, spirv};
+use crate::device::{AdapterChoice, Checks, Fma, Gpu, float_controls, spirv};
 use crate::program::PatternShader;
 use crate::program::device::tests::{bsdfs, programs};
 use crate::program::device::{Kernel, sample_points};
-use crate::trace::gpu::{AdapterChoice, Gpu};
 use std::sync::Arc;
 
 /// Opens an adapter, a software one if there is no other.

@@ -6,7 +6,8 @@ use super::scene::DeviceScene;
 use super::shared_buffer::SharedBuffer;
 use super::tracer::{SceneDevice, Shared};
 use super::undecided::Undecided;
-use super::{Fault, cross_check, fault};
+use super::{corruption, cross_check};
+use crate::device::Fault;
 use crate::stream::{DeviceAnswers, DeviceError, DeviceReport, DeviceStream, Hit, Ray, Resolve, Ticket};
 use std::ops::Range;
 use std::sync::Arc;
@@ -241,7 +242,7 @@ impl Resolve for Answer {
             report += resolver.resolve((rays, hits, closest), (shadow_rays, occluded, any));
             report.bytes_copied += bytes_copied;
             if is_corrupt {
-                fault::corrupt(hits, occluded);
+                corruption::corrupt(hits, occluded);
             }
             let cpu = &*resolver.cpu;
             let checked = cross_check::closest(cpu, rays, hits, sampling)

@@ -5,9 +5,10 @@
 //! the result can be kept. All measurements are interleaved, round after round, and the fastest of each counts, because
 //! whatever else the machine does can only add time.
 
+use super::GpuTracer;
 use super::tuning_cache::{self, BUNDLE_RAYS};
-use super::{Gpu, GpuTracer};
 use crate::bvh::Bvh;
+use crate::device::Gpu;
 use crate::geom::mix;
 use crate::stream::{Capacity, Empty, Ray, RayStream, Tracer};
 use glam::Vec3;
@@ -159,8 +160,8 @@ fn measure(gpu: &Arc<Gpu>, host: impl FnOnce(Arc<Bvh>) -> Arc<dyn Tracer>) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::AdapterChoice;
     use crate::trace::cpu::Oracle;
-    use crate::trace::gpu::AdapterChoice;
 
     #[test]
     fn sizes_follow_from_times() {

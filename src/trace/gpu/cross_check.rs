@@ -5,7 +5,7 @@
 //! × 256 rays a dispatch. It finds any wrong answer in a dispatch of up to 256 rays of a kind. In a larger one wrong
 //! answers to a share `p` of `n` rays stay unseen with a probability of about `(1 - p)^max(256, n/256)`: for 1 % of 27k
 //! rays 0.08, for 3 % 4 · 10⁻⁴, for 10 % next to 0. A device that errs in single rays may go unseen: the kernels' error
-//! bounds hold for arithmetic that rounds as `probe.rs` finds, not for memory errors.
+//! bounds hold for arithmetic that rounds as `device/probe.rs` finds, not for memory errors.
 
 use crate::geom::mix;
 use crate::stream::{Hit, Ray, Tracer};

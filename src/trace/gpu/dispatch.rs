@@ -11,15 +11,15 @@ use super::kernel::Kernel;
 use super::kernel_clock::KernelClock;
 use super::layout::{Params, WORKGROUP_SIZE};
 use super::shared_buffer::SharedBuffer;
+use super::unchecked_module;
 use super::undecided::{Mapped, Undecided, UndecidedList};
-use super::{Gpu, unchecked_module};
+use crate::device::{CALLBACK_PATIENCE, Gpu, bind_whole};
 use crate::stream::{DeviceMemory as _, Ray};
 use bytemuck::Pod;
 use std::fmt::Debug;
 use std::ops::Range;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
 
 /// A kernel compiled for a scene, and the buffers that no dispatch uses at the moment.
 #[derive(Debug)]
@@ -43,9 +43,6 @@ pub(super) enum Answers {
     /// Hits, and a list of rays that it leaves to the host.
     Hits,
 }
-
-/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
-const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The rays that one kernel traces in a dispatch, and the memory of their answers. Once read back, that memory holds
 /// the kernel's answers, bit by bit.
@@ -374,11 +371,6 @@ impl StagingBuffers {
 fn buffer(device: &wgpu::Device, label: &str, bytes: usize, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let (label, size) = (Some(label), bytes as u64);
     device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
-}
-
-/// Binds a whole buffer.
-pub(super) fn bind_whole(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
 /// Binds part of a buffer.

@@ -1,10 +1,10 @@
 //! Kernels by themselves, for measurements: their time by the device's own clock, without copies, waits and the
 //! host, and what rays visit. Bundles are traced without either.
 
-use super::Gpu;
 use super::dispatch::{KernelPipeline, Request};
 use super::kernel_clock::KernelClock;
 use super::tracer::SceneDevice;
+use crate::device::Gpu;
 use crate::stream::{DeviceError, Hit, Ray, Visits};
 use bytemuck::{Pod, Zeroable};
 use std::fmt::Debug;

@@ -1,8 +1,7 @@
-//! The GPU tracer: traces whole ray streams on a device. Beside `program::gpu` the only module that names wgpu.
-//! `docs/glossary.md` explains the words.
+//! The GPU tracer: traces whole ray streams on a device. `docs/glossary.md` explains the words.
 //!
 //! ```text
-//! AdapterChoice -> Gpu (adapter, device, queue) ----------+
+//! Gpu (`crate::device`) ----------------------------------+
 //! Bvh -flatten-> scene buffers, kernels (DeviceScene) ----+> GpuTracer
 //! ```
 //!
@@ -35,7 +34,7 @@
 //! cross-check  the CPU traces a sample of the rays again (cross_check.rs)
 //!    v
 //! canonical hits; or DeviceError::Lost: the streams go back to the scheduler untraced, and another device is
-//! opened in the background (device_replacement.rs)
+//! opened in the background (`crate::device`)
 //! ```
 //!
 //! # Three nested `catch_unwind`
@@ -48,26 +47,19 @@
 //! 3. The scheduler's `Work::work` catches panics of a whole task, which is foreign code as well: renderers and host
 //!    tracers. It keeps the thread, and fails the job.
 
-mod adapter;
 mod alpha;
 mod bundle;
 mod calibration;
+mod corruption;
 mod cross_check;
-mod device;
-mod device_replacement;
 mod dispatch;
-mod error;
 mod exact;
-mod fault;
 mod flatten;
-#[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
-mod host_memory;
 mod kernel;
 mod kernel_clock;
 mod layout;
 mod measurement;
 mod pages;
-mod probe;
 mod resolve;
 mod scene;
 mod shared_buffer;
@@ -77,10 +69,5 @@ mod tracer;
 mod tuning_cache;
 mod unchecked_module;
 mod undecided;
-mod watchdog;
 
-pub use adapter::{AdapterChoice, AdapterInfo, AdapterKind, FoundAdapter, adapters};
-pub use device::Gpu;
-pub use error::GpuError;
-pub use fault::{Fault, NoSuchFault};
 pub use tracer::GpuTracer;

@@ -1,7 +1,7 @@
 //! Records in pages. A scene may have more nodes or pairs than one binding holds, so they lie in as many buffers as
 //! they need: pages, each of a power of two records but for the last.
 
-use super::{AdapterInfo, GpuError};
+use crate::device::{AdapterInfo, GpuError};
 use std::fmt::Write as _;
 
 /// Storage bindings that a kernel needs beside nodes, pairs and identities: members, the alpha test, rays,

@@ -1,14 +1,14 @@
 //! A scene on the device: its buffers, and the kernels compiled for it.
 
 use super::alpha;
-use super::dispatch::{Answers, KernelPipeline, bind_whole};
+use super::dispatch::{Answers, KernelPipeline};
 use super::exact::{ExactKernels, Form, Layouts, Refusal};
 use super::flatten::FlatScene;
 use super::kernel::{Kernel, Shape};
 use super::layout::TreeInstance;
 use super::pages::ScenePages;
 use super::resolve::Resolver;
-use super::{Fault, Gpu, GpuError};
+use crate::device::{Fault, Gpu, GpuError, bind_whole};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.

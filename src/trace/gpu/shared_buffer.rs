@@ -12,8 +12,8 @@
 //!    lost, for ever.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::Gpu;
-use super::host_memory::HostMemory;
+use crate::device::Gpu;
+use crate::device::host_memory::HostMemory;
 use crate::stream::{self, Capacity, Ray, StreamMemory};
 use bytemuck::Pod;
 use std::any::Any;
@@ -102,7 +102,7 @@ pub(super) fn stream_memory(
     capacity: Capacity,
     now: Option<&dyn stream::DeviceMemory<Ray>>,
 ) -> Option<StreamMemory> {
-    if !gpu.can_share_memory() || gpu.lost().is_some() {
+    if !gpu.can_share_memory || gpu.lost().is_some() {
         return None;
     }
     let now = now.and_then(|memory| (memory as &dyn Any).downcast_ref::<SharedBuffer<Ray>>());
@@ -123,7 +123,7 @@ pub(super) fn stream_memory(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::gpu::AdapterChoice;
+    use crate::device::AdapterChoice;
     use stream::DeviceMemory as _;
 
     fn gpu() -> Arc<Gpu> {

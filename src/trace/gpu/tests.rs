@@ -1,20 +1,19 @@
 //! Tests that need the module's internals: arithmetic worse than the test machine's, smaller limits, a shorter
 //! watchdog.
 
+use super::GpuTracer;
 use super::alpha::tests::Cutouts;
-use super::device_replacement::MOST;
 use super::exact::{Form, Route};
 use super::kernel::{Kernel, Shape, Sides};
 use super::scene::Kernels;
-use super::watchdog::Watchdog;
-use super::{AdapterChoice, Gpu, GpuError, GpuTracer};
 use crate::bvh::{Bvh, Filter, TreeInstance};
+use crate::device::watchdog::Watchdog;
+use crate::device::{AdapterChoice, Gpu, GpuError};
 use crate::geom::{Placement, mix};
 use crate::stream::{BlockingTracer, Capacity, DeviceError, Hit, Queries, Ray, RayStream};
 use crate::trace::cpu::Oracle;
 use glam::{Mat3, Quat, Vec3};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 fn open() -> Gpu {
@@ -341,25 +340,4 @@ fn a_dispatch_that_takes_too_long_is_a_loss() {
     let Err(DeviceError::Lost(reason)) = answer else { panic!("{answer:?}") };
     assert!(reason.contains("did not return within"), "{reason}");
     assert!(start.elapsed() < Duration::from_secs(5));
-}
-
-#[test]
-fn lost_devices_are_replaced_a_bounded_number_of_times_and_untrusted_ones_never() {
-    let never = AtomicBool::new(false);
-    let mut gpu = Arc::new(open());
-    let mut count = 0;
-    loop {
-        gpu.simulate_loss();
-        let Some(next) = gpu.successor(&never) else { break };
-        let again = gpu.successor(&never).expect("as before");
-        assert!(Arc::ptr_eq(&next, &again), "one successor for all threads");
-        count += 1;
-        assert_eq!((next.lost(), next.replacement.number()), (None, count));
-        gpu = next;
-    }
-    assert_eq!(count, MOST);
-    let untrusted = Arc::new(open());
-    untrusted.mark_untrusted("wrong answers".into());
-    assert!(untrusted.successor(&never).is_none());
-    assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "cancelled");
 }

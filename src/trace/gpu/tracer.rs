@@ -7,8 +7,9 @@ use super::exact::Refusal;
 use super::resolve::Resolver;
 use super::scene::{DeviceScene, Kernels};
 use super::undecided::Undecided;
-use super::{AdapterKind, Fault, Gpu, GpuError, cross_check, fault, shared_buffer};
+use super::{corruption, cross_check, shared_buffer};
 use crate::bvh::{Bvh, Filter};
+use crate::device::{AdapterKind, Fault, Gpu, GpuError};
 use crate::stream::{
     BlockingTracer, Capacity, DeviceError, DeviceMemory, DeviceReport, DeviceStream, DeviceTracer, Hit,
     Queries, Ray, StreamMemory, Ticket, Tracer, Visits,
@@ -204,7 +205,7 @@ impl GpuTracer {
 
     /// The number of attempts to replace a lost device before the device in use was opened.
     pub fn replacements(&self) -> u32 {
-        self.shared.device().gpu.replacement.number()
+        self.shared.device().gpu.replacements()
     }
 
     /// Runs `work` on a device, unless it is lost. If it is, or becomes so, starts to replace it.
@@ -286,7 +287,7 @@ impl SceneDevice {
         let mut report =
             resolver.resolve((rays, hits, undecided), (shadow_rays, occluded, undecided_shadows));
         if let Some(Fault::Corrupt(_)) = fault {
-            fault::corrupt(hits, occluded);
+            corruption::corrupt(hits, occluded);
         }
         report.bytes_copied = bytes_copied;
         let cpu = &*resolver.cpu;

@@ -1,6 +1,6 @@
 //! The tuning cache: keeps the size of bundles that was measured for a device, one file for each adapter and driver.
 
-use super::AdapterInfo;
+use crate::device::AdapterInfo;
 use crate::files::{self, NotWritten};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ pub(super) fn store(folder: &Path, info: &AdapterInfo, bundle_rays: usize) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::gpu::adapters;
+    use crate::device::adapters;
 
     #[test]
     fn invalid_files_are_ignored() {

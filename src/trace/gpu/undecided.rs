@@ -1,17 +1,14 @@
 //! The list of rays that a device left undecided: the kernels write it, the host reads it.
 
 use super::layout::MASKED_RAY;
+use crate::device::CALLBACK_PATIENCE;
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::time::Duration;
 
 /// One ray in this many may be undecided; if there are more, the host looks through all answers.
 const ROOM: usize = 16;
 
 /// The fewest rays that a list has room for.
 const LEAST: usize = 256;
-
-/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
-const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The buffers of a list: the number of rays, then their indices as far as there is room.
 #[derive(Debug)]

@@ -1,11 +1,11 @@
-//! Model checking: every interleaving of a few threads over the film's spin locks and the arena of loop entries,
-//! with the memory model's stale reads. The files under test are compiled here with loom's primitives as
-//! `crate::sync`.
+//! Model checking: every interleaving of a few threads over the film's spin locks, the arena of loop entries and the
+//! bundles with a device, with the memory model's stale reads. The files under test are compiled here with loom's
+//! primitives as `crate::sync`.
 #![cfg(test)]
 
 mod sync {
     pub(crate) use loom::hint::spin_loop;
-    pub(crate) use loom::sync::{Mutex, atomic};
+    pub(crate) use loom::sync::{Arc, Mutex, MutexGuard, atomic};
     pub(crate) use loom::thread::yield_now;
     pub(crate) use std::sync::PoisonError;
 }
@@ -13,6 +13,10 @@ mod sync {
 #[allow(dead_code, reason = "the models call a part of the file")]
 #[path = "../../../src/shade/arena.rs"]
 mod arena;
+#[allow(dead_code, reason = "the models call a part of the files")]
+mod schedule;
+#[allow(dead_code, unused_imports, reason = "the models call a part of the files")]
+mod stream;
 #[allow(dead_code, reason = "the models call a part of the file")]
 #[path = "../../../src/film/stripe.rs"]
 mod stripe;
@@ -26,6 +30,15 @@ use stripe::{STRIPE_PIXELS, Stripes};
 /// Threads besides the model's own: `RAYSTREAM_LOOM_THREADS`, or two, which takes seconds.
 fn thread_count() -> usize {
     std::env::var("RAYSTREAM_LOOM_THREADS").map_or(2, |count| count.parse().expect("a number of threads"))
+}
+
+/// Tries the interleavings of a model whose threads visit a lock often: those in which a thread is interrupted at most
+/// `RAYSTREAM_LOOM_PREEMPTIONS` times, or four.
+fn check(model: impl Fn() + Send + Sync + 'static) {
+    let mut builder = loom::model::Builder::new();
+    let most = std::env::var("RAYSTREAM_LOOM_PREEMPTIONS");
+    builder.preemption_bound = Some(most.map_or(4, |most| most.parse().expect("a number of interruptions")));
+    builder.check(model);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 #[cfg(feature = "gpu")]
-use raystream::trace::gpu::Fault;
+use raystream::device::Fault;
 
 /// The units that trace rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

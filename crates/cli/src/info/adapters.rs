@@ -1,12 +1,12 @@
 //! The GPU adapters of this machine.
 
+use raystream::device::{AdapterChoice, AdapterInfo, Gpu};
 use raystream::engine::calibration_host;
 use raystream::trace::cpu::SimdLevel;
-use raystream::trace::gpu::{AdapterChoice, AdapterInfo, Gpu};
 
 /// Prints the GPU adapters of this machine.
 pub fn print() {
-    let adapters = raystream::trace::gpu::adapters();
+    let adapters = raystream::device::adapters();
     if adapters.is_empty() {
         stdout_line!(
             "adapters:     none (no Vulkan, Metal or DirectX 12 driver found); rays are traced on the CPU"

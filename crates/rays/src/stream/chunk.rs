@@ -2,8 +2,8 @@
 
 use super::device_memory::Memory;
 use super::{Hit, Ray, RayArray, Tracer};
+use crate::sync::{Arc, Mutex, PoisonError};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// Data of a stream that tracers use. While chunks are out, several threads read the rays at once. Each computes
 /// its answers in its own [`ChunkScratch`] and copies them here under the lock.

@@ -2,7 +2,7 @@
 
 use super::chunk::{StreamAnswers, StreamData};
 use super::{DeviceMemory, Hit, Ray};
-use std::sync::{Arc, MutexGuard, PoisonError};
+use crate::sync::{Arc, MutexGuard, PoisonError};
 
 /// A stream that a device traces: a share of it, which the device drops when it is done. The host reads the rays too,
 /// and has the answers when the device has dropped its share.

@@ -13,8 +13,8 @@ use super::{
     Capacity, Chunk, DeviceReport, DeviceStream, DeviceTracer, Hit, Ray, RayAppender, RayArray, Resolve,
     StreamMemory, TracedChunk, panic_message,
 };
+use crate::sync::{Arc, PoisonError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// State of a stream without rays.

@@ -20,8 +20,7 @@ mod verdicts;
 
 use super::alpha;
 use super::kernel::{Arithmetic, Kernel, Shape, Sides, traversal};
-use super::{Fault, Gpu};
-use crate::device::{Checks, FloatControls, float_controls, module, spirv};
+use crate::device::{Checks, Fault, FloatControls, Gpu, float_controls, module, spirv};
 pub(super) use route::Route;
 
 /// The way in which kernels make exact hits.

@@ -1,11 +1,9 @@
 //! Compares a module's arithmetic with the host's before its kernels are used.
 
 use super::cases::{CLASSES, PAIR_WORDS, Pair, triple};
-use crate::trace::gpu::Gpu;
-use crate::trace::gpu::dispatch::bind_whole;
+use crate::device::{CALLBACK_PATIENCE, Gpu, bind_whole};
 use crate::trace::gpu::layout::WORKGROUP_SIZE;
 use std::sync::mpsc::sync_channel;
-use std::time::Duration;
 
 /// Triples for the fused multiply-add.
 const TRIPLES: u32 = 100_000;
@@ -15,9 +13,6 @@ const PAIRS: u32 = 10_000;
 
 /// One in this many cases must be decided.
 const LEAST_DECIDED: usize = 2;
-
-/// Time that the thread which saw a submission done may take to run the callbacks of other threads' mappings.
-const CALLBACK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// A probe's answer: words, or none where the host has to decide.
 type Answer = [u32; 4];

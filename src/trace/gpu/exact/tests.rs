@@ -4,10 +4,9 @@ use super::cases::CLASSES;
 use super::probe::{Comparison, compare_pairs, compare_triples};
 use super::route::Route;
 use super::{Form, Module, Refusal, source};
-use crate::device::{Checks, FloatControls, spirv};
+use crate::device::{AdapterChoice, Checks, FloatControls, Gpu, spirv};
 use crate::trace::gpu::kernel::{Shape, Sides};
 use crate::trace::gpu::pages::{Pages, ScenePages};
-use crate::trace::gpu::{AdapterChoice, Gpu};
 
 /// Opens an adapter, a software one if there is no other.
 fn open() -> Gpu {

@@ -1,7 +1,7 @@
 //! What probes have found in this process. A driver compiles the same module alike, so a device that replaces a lost
 //! one, and a scene of a shape that was seen before, are not compared again.
 
-use crate::trace::gpu::Gpu;
+use crate::device::Gpu;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Mutex, PoisonError};
 

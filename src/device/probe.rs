@@ -1,8 +1,7 @@
 //! Probes whether a device's arithmetic is what the kernels' error bounds assume, once when the device is opened. A
 //! sample proves nothing, but another rounding mode shows in every second number.
 
-use super::Gpu;
-use super::dispatch::bind_whole;
+use super::{Gpu, bind_whole};
 use crate::geom::mix;
 use std::sync::mpsc::sync_channel;
 
@@ -14,7 +13,7 @@ const QUOTIENT_ULPS: u32 = 3;
 
 /// The source of a kernel of its own, which uses none of the error bounds.
 fn source() -> String {
-    format!("const PROBES: u32 = {PROBES}u;\n{}", include_str!("../../../shaders/probe_rounding.wgsl"))
+    format!("const PROBES: u32 = {PROBES}u;\n{}", include_str!("../../shaders/probe_rounding.wgsl"))
 }
 
 /// Numbers of both signs between 2^-4 and 2^4, with all mantissa bits in use.

@@ -28,7 +28,7 @@ const PROPERTIES: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
 
 /// Memory, and the buffer through which the device uses it.
 #[derive(Debug)]
-pub(super) struct HostMemory {
+pub(crate) struct HostMemory {
     block: Arc<Block>,
     buffer: wgpu::Buffer,
 }

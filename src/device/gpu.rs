@@ -2,8 +2,8 @@
 //! and as nothing else.
 
 use super::adapter::{AdapterChoice, AdapterInfo, FoundAdapter};
-use super::device_replacement::DeviceReplacement;
 use super::host_memory::HostMemory;
+use super::replacement::DeviceReplacement;
 use super::watchdog::Watchdog;
 use super::{Fault, GpuError, probe};
 use crate::stream::panic_message;
@@ -27,17 +27,17 @@ type LossReason = Arc<OnceLock<String>>;
 /// go on with a replacement, a bounded number of times.
 #[derive(Debug)]
 pub struct Gpu {
-    pub(super) info: AdapterInfo,
+    pub(crate) info: AdapterInfo,
     device: wgpu::Device,
     queue: wgpu::Queue,
     loss: LossReason,
-    pub(super) watchdog: Watchdog,
+    pub(crate) watchdog: Watchdog,
     history: Arc<AdapterHistory>,
     pub(super) replacement: DeviceReplacement,
     /// True if streams may lie in memory that the device shares with the host.
-    pub(super) can_share_memory: bool,
+    pub(crate) can_share_memory: bool,
     /// Rays of a bundle, if that has been measured.
-    pub(super) bundle_rays: Option<usize>,
+    pub(crate) bundle_rays: Option<usize>,
 }
 
 /// What a device and its replacements have in common.
@@ -99,11 +99,6 @@ impl Gpu {
         let shared = gpu.attempt(|device, _| HostMemory::new(device, 1).is_some());
         gpu.can_share_memory = matches!(shared, Ok(Ok(true)));
         Ok(gpu)
-    }
-
-    /// True if streams may lie in memory that the device shares with the host.
-    pub(super) fn can_share_memory(&self) -> bool {
-        self.can_share_memory
     }
 
     /// Injects a fault, once.
@@ -171,7 +166,7 @@ impl Gpu {
     }
 
     /// Numbers a dispatch, from 1; returns the fault to inject into it.
-    pub(super) fn next_dispatch(&self) -> (u64, Option<Fault>) {
+    pub(crate) fn next_dispatch(&self) -> (u64, Option<Fault>) {
         let number = self.history.dispatches.fetch_add(1, Ordering::Relaxed) + 1;
         (number, self.history.fault.filter(|fault| fault.dispatch() == Some(number)))
     }
@@ -188,19 +183,19 @@ impl Gpu {
     }
 
     /// True if the fault is injected that the device has no memory for scenes.
-    pub(super) fn has_no_memory(&self) -> bool {
+    pub(crate) fn has_no_memory(&self) -> bool {
         self.history.fault == Some(Fault::OutOfMemory)
     }
 
     /// Gives up a device that answers wrongly, and its adapter with it; returns why the device is lost.
-    pub(super) fn mark_untrusted(&self, reason: String) -> String {
+    pub(crate) fn mark_untrusted(&self, reason: String) -> String {
         self.replacement.forbid();
         self.loss.get_or_init(|| reason).clone()
     }
 
     /// Looks whether a submission is done, within [`Gpu::guard`], for at most about `timeout`. One that takes longer
     /// than the watchdog allows counts as a loss.
-    pub(super) fn look(
+    pub(crate) fn look(
         &self,
         submission: &wgpu::SubmissionIndex,
         is_done: &AtomicBool,
@@ -250,7 +245,7 @@ impl Gpu {
 
     /// Waits for a submission, within [`Gpu::guard`]; returns how long that took. A submission that takes longer than
     /// the watchdog allows counts as a loss, and no thread waits for the device again.
-    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
+    pub(crate) fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<Duration, String> {
         self.wait_within(submission, || self.watchdog.limit())
     }
 
@@ -330,7 +325,8 @@ fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
             max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::downlevel_defaults()
         },
-        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed (`measurement.rs`).
+        // Shaders' kernels go to the driver as they are (`program::gpu`), and kernels are timed
+        // (`trace/gpu/measurement.rs`).
         required_features: adapter.features()
             & (wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY),
         memory_hints: wgpu::MemoryHints::Performance,

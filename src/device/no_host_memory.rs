@@ -3,7 +3,7 @@
 
 /// Memory that cannot be allocated.
 #[derive(Debug)]
-pub(super) enum HostMemory {}
+pub(crate) enum HostMemory {}
 
 impl HostMemory {
     pub fn new(_: &wgpu::Device, _: usize) -> Option<Self> {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// How many devices may be opened as replacements, failed attempts included. An adapter that loses more devices is of
 /// no use.
-pub(super) const MOST: u32 = 8;
+const MOST: u32 = 8;
 
 /// How long a driver may recover before the next attempt.
 const RECOVERY: Duration = Duration::from_millis(250);
@@ -24,11 +24,6 @@ pub(super) struct DeviceReplacement {
 }
 
 impl DeviceReplacement {
-    /// How many attempts to open a device there were before this one was opened.
-    pub fn number(&self) -> u32 {
-        self.number
-    }
-
     /// Forbids further replacements.
     pub fn forbid(&self) {
         self.is_forbidden.store(true, Ordering::Relaxed);
@@ -36,8 +31,13 @@ impl DeviceReplacement {
 }
 
 impl Gpu {
+    /// The number of attempts to replace a lost device before this one was opened.
+    pub(crate) fn replacements(&self) -> u32 {
+        self.replacement.number
+    }
+
     /// The first device of the chain, from this one on, that is not lost; if all are, the last one.
-    pub(super) fn latest(self: Arc<Self>) -> Arc<Self> {
+    pub(crate) fn latest(self: Arc<Self>) -> Arc<Self> {
         let mut gpu = self;
         while gpu.lost().is_some() {
             match gpu.successor(&AtomicBool::new(false)) {
@@ -50,7 +50,7 @@ impl Gpu {
 
     /// The replacement of this lost device. Opens it, unless another thread has. `None` when replacements are forbidden
     /// or used up, no device can be opened, or `cancelled` is set.
-    pub(super) fn successor(&self, cancelled: &AtomicBool) -> Option<Arc<Self>> {
+    pub(crate) fn successor(&self, cancelled: &AtomicBool) -> Option<Arc<Self>> {
         let DeviceReplacement { number, is_forbidden, next } = &self.replacement;
         if is_forbidden.load(Ordering::Relaxed) || cancelled.load(Ordering::Relaxed) {
             return None;
@@ -67,5 +67,36 @@ impl Gpu {
             None
         })
         .clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open() -> Gpu {
+        let choice = AdapterChoice { name: None, allow_software: true };
+        Gpu::open(&choice).expect("tests need a GPU; a software adapter will do")
+    }
+
+    #[test]
+    fn lost_devices_are_replaced_a_bounded_number_of_times_and_untrusted_ones_never() {
+        let never = AtomicBool::new(false);
+        let mut gpu = Arc::new(open());
+        let mut count = 0;
+        loop {
+            gpu.simulate_loss();
+            let Some(next) = gpu.successor(&never) else { break };
+            let again = gpu.successor(&never).expect("as before");
+            assert!(Arc::ptr_eq(&next, &again), "one successor for all threads");
+            count += 1;
+            assert_eq!((next.lost(), next.replacements()), (None, count));
+            gpu = next;
+        }
+        assert_eq!(count, MOST);
+        let untrusted = Arc::new(open());
+        untrusted.mark_untrusted("wrong answers".into());
+        assert!(untrusted.successor(&never).is_none());
+        assert!(Arc::new(open()).successor(&AtomicBool::new(true)).is_none(), "cancelled");
     }
 }

@@ -14,7 +14,7 @@ const FACTOR: u64 = 64;
 
 /// Limits how long a dispatch may take.
 #[derive(Debug)]
-pub(super) struct Watchdog {
+pub(crate) struct Watchdog {
     /// The lower bound of the limit.
     least: Duration,
     /// The upper bound of the limit.
