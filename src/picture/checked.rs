@@ -91,13 +91,13 @@ impl CheckedSpec {
     /// # Errors
     /// What the options and the scene have against each other.
     pub fn change(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
-        let found = self.change_materials(scene)?;
+        let found = self.change_materials(scene, options)?;
         self.spec.light.apply_environment(scene, options)?;
         Ok(found)
     }
 
     /// The part of [`Self::change`] that leaves the environment as it is.
-    pub(super) fn change_materials(&self, scene: &mut Scene) -> Result<Shaders> {
+    pub(super) fn change_materials(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
         let file = self.spec.scene.as_deref().unwrap_or(Path::new(""));
         let own = |scene: &mut Scene| {
             for warning in self.registry.apply_surfaces(scene, &self.own)? {
@@ -105,7 +105,8 @@ impl CheckedSpec {
             }
             self.spec.material.iter().try_for_each(|change| change.apply(scene))
         };
-        let (found, unknown) = shaders::apply(scene, file, &self.spec.surface, &self.foreign, own)?;
+        let surfaces = &self.spec.surface;
+        let (found, unknown) = shaders::apply(scene, file, surfaces, &self.foreign, options, own)?;
         self.registry.check_settings(&self.integrator, &unknown)?;
         Ok(found)
     }

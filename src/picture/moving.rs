@@ -57,7 +57,7 @@ impl Moving {
         let width = opened.prepared().scene.stroke_width;
         let mut scene =
             load_with(path, &width.iter().fold(options, |options, &width| options.with_stroke_width(width)))?;
-        drop(checked.change_materials(&mut scene)?);
+        drop(checked.change_materials(&mut scene, &self.options)?);
         scene.environment = opened.prepared().scene.environment.clone();
         let bytes = PreparedScene::building_bytes(&scene);
         afford(&self.memory, format!("the scene at {seconds} s and its tree"), bytes)?;

@@ -2,6 +2,7 @@
 //! scenes from files. This module knows neither streams nor the BVH.
 
 mod block;
+mod bound_texture;
 mod camera;
 mod camera_motion;
 mod camera_path;
@@ -54,6 +55,7 @@ mod texture_point;
 mod validate;
 
 pub use block::{BlockColumns, BlockFinishes, BlockSurface};
+pub use bound_texture::{BoundTexture, NoTexture, TEXTURED_INPUTS};
 pub(crate) use camera::Pinhole;
 pub use camera::{
     Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,

@@ -1,6 +1,6 @@
 //! The object table: which triangles belong to which object of the scene file.
 
-use crate::lanes::{Int, Lanes, Vector};
+use crate::lanes::{Int, Lanes, Num, Vector};
 use glam::DMat4;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -192,6 +192,18 @@ impl Objects {
         Vector::select(object.is(Self::NONE), position, local)
     }
 
+    /// Length in the own space of the objects of triangles that a unit of the world has in the mean over directions,
+    /// one in each lane.
+    #[inline(always)]
+    pub fn scale_at<L: Lanes>(&self, primitive: Int<L>) -> Num<L> {
+        let one = Num::splat(primitive.lanes(), 1.0);
+        let Some(last) = (self.spaces.len() / SPACE).checked_sub(1) else { return one };
+        let object = self.at(primitive);
+        let [a, b, c, _, e, f, g, _, i, j, k, _] = object.at_most(last as u32).rows_of::<SPACE>(&self.spaces);
+        let squares = (a * a + b * b + c * c) + (e * e + f * f + g * g) + (i * i + j * j + k * k);
+        Num::select(object.is(Self::NONE), one, (squares * (1.0 / 3.0)).sqrt())
+    }
+
     /// True if each object has its space, or none has one, and all numbers are finite.
     pub(super) fn has_sound_spaces(&self) -> bool {
         let is_complete = self.spaces.is_empty() || self.spaces.len() == SPACE * self.list.len();
@@ -295,6 +307,9 @@ mod tests {
             assert_eq!(local(primitive), Vec3::new(1.0, 4.0, 3.0), "the world");
         }
         assert!((local(3) - Vec3::X).length() < 1e-6, "{}", local(3));
+        let scale = |primitive: u32| objects.scale_at::<SingleLane>(primitive.into()).get();
+        assert_eq!([0, 4, 6].map(scale), [1.0; 3], "the world");
+        assert!((scale(3) - 0.5).abs() < 1e-6, "{}", scale(3));
         assert!(objects.has_sound_spaces());
         objects.spaces.pop();
         assert!(!objects.has_sound_spaces());

@@ -275,7 +275,10 @@ impl<'a> Splitter<'a> {
         while let Some(at) = open.pop() {
             let instruction = &self.code.instructions[at];
             let can_move = match instruction {
-                Instruction::Compute { .. } | Instruction::Call { .. } | Instruction::Element { .. } => true,
+                Instruction::Compute { .. }
+                | Instruction::Call { .. }
+                | Instruction::LookUp { .. }
+                | Instruction::Element { .. } => true,
                 Instruction::Host { function, .. } => !function.is_effect(),
                 _ => false,
             };
@@ -461,6 +464,7 @@ impl Walk<'_, '_> {
                 let (native, results) = (*native, self.results(old.list(results)));
                 self.code.instructions.push(Instruction::Call { native, operands, results });
             }
+            Instruction::LookUp { .. } => unreachable!("an integrator looks up no pictures"),
             Instruction::Element { columns, index, to } => {
                 let columns = self.list(old.list(columns));
                 let (index, to) = (self.operand(*index), *to);

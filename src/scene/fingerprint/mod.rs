@@ -62,6 +62,13 @@ pub(super) use encode_fields;
 pub(super) struct Encoder(Xxh3);
 
 impl Encoder {
+    /// The hash of a value's canonical bytes.
+    pub fn digest_of(value: &impl Encode) -> u64 {
+        let mut to = Self(Xxh3::new());
+        value.encode(&mut to);
+        to.0.digest()
+    }
+
     /// Appends the number of an enum's variant.
     pub fn variant(&mut self, number: u8) {
         self.0.update(&[number]);
