@@ -26,6 +26,27 @@ fn mixed3(a: vec3f, b: vec3f, share: f32) -> vec3f {
     return vec3f(mixed(a.x, b.x, share), mixed(a.y, b.y, share), mixed(a.z, b.z, share));
 }
 
+fn tinted(colour: vec3f, tint: vec3f) -> vec3f {
+    return select(colour * tint, colour, colour == vec3f(0.0));
+}
+
+// A finish under a clear varnish that covers a share of it. Of the varnish two things count: its colour, which is the
+// share of white light that remains after it has passed the varnish down and up, and its roughness.
+fn layer(varnish: Finish, below: Finish, weight: f32) -> Finish {
+    let share = clamp(weight, 0.0, 1.0);
+    let tint = mixed3(vec3f(1.0), varnish.colour, share);
+    var coated = below;
+    coated.colour = below.colour * tint;
+    coated.specular_tint = below.specular_tint * tint;
+    coated.sheen = tinted(below.sheen, tint);
+    coated.diffuse_transmission_colour = below.diffuse_transmission_colour * tint;
+    coated.emission = tinted(below.emission, sqrt(max(tint, vec3f(0.0))));
+    coated.clearcoat = below.clearcoat + (1.0 - below.clearcoat) * share;
+    let part = select(share / coated.clearcoat, 0.0, coated.clearcoat == 0.0);
+    coated.clearcoat_roughness = mixed(below.clearcoat_roughness, varnish.roughness, part);
+    return coated;
+}
+
 // The share of light that the boundary of a body of an index of refraction reflects at normal incidence.
 fn reflectance_of(ior: f32) -> f32 {
     let ratio = (ior - 1.0) / (ior + 1.0);

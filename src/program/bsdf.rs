@@ -212,4 +212,8 @@ impl Scattering for BsdfShader {
     fn transmits(&self) -> bool {
         self.transmits
     }
+
+    fn reads_moment(&self) -> bool {
+        self.evaluate.inputs.read_moment() || self.sample.inputs.read_moment()
+    }
 }

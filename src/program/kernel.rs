@@ -112,6 +112,14 @@ impl PointInputs {
     }
 }
 
+impl PointInputs {
+    /// True if the time or the frame is read.
+    pub fn read_moment(&self) -> bool {
+        let is_of_moment = |row: &SurfaceField| ["time", "frame"].contains(&row.name);
+        POINT_FIELDS.iter().enumerate().any(|(i, row)| is_of_moment(row) && self.wanted >> i & 1 == 1)
+    }
+}
+
 /// Ends the job that runs a shader with an error.
 #[cold]
 pub(super) fn stop(error: ShaderError) -> ! {

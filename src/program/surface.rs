@@ -194,6 +194,10 @@ impl Procedural for PatternShader {
         self.over.is_some()
     }
 
+    fn reads_moment(&self) -> bool {
+        self.inputs.read_moment()
+    }
+
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {
         let Some(loaded) = &self.over else { return Ok(None) };
         let over = Self::lowered(loaded, Some(own)).map_err(|error| error.to_string())?;

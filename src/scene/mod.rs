@@ -36,8 +36,10 @@ mod mesh_size;
 mod mip_weights;
 mod mipmap;
 mod mix;
+mod moment;
 mod named_camera;
 mod object;
+mod object_bounds;
 mod own_surface;
 mod points;
 mod principled;
@@ -87,6 +89,7 @@ pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
+pub use moment::Moment;
 pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
 pub use own_surface::OwnSurface;
@@ -162,6 +165,10 @@ pub struct Scene {
     pub variants: Vec<String>,
     /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.
     pub files: Vec<PathBuf>,
+    /// The moment that pictures show.
+    pub moment: Moment,
+    /// The boxes of the objects, found when first needed.
+    pub(crate) object_bounds: object_bounds::ObjectBounds,
 }
 
 impl Scene {

@@ -1,7 +1,7 @@
 //! The object table: which triangles belong to which object of the scene file.
 
 use crate::lanes::{Int, Lanes, Num, Vector};
-use glam::DMat4;
+use glam::{DMat4, Vec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -180,6 +180,16 @@ impl Objects {
         owner
     }
 
+    /// A point of the world in the own space of an object, to the bit that [`Objects::local_at`] gives.
+    pub(super) fn local(&self, object: u32, Vec3 { x, y, z }: Vec3) -> Vec3 {
+        let Some(space) = self.spaces.get(object as usize * SPACE..).and_then(|rest| rest.first_chunk())
+        else {
+            return Vec3::new(x, y, z);
+        };
+        let [a, b, c, d, e, f, g, h, i, j, k, l]: [f32; SPACE] = *space;
+        Vec3::new(a * x + b * y + c * z + d, e * x + f * y + g * z + h, i * x + j * y + k * z + l)
+    }
+
     /// Points of the world on triangles, one in each lane, in the own space of the triangle's object.
     #[inline(always)]
     pub fn local_at<L: Lanes>(&self, primitive: Int<L>, position: Vector<L>) -> Vector<L> {
@@ -230,7 +240,7 @@ impl Objects {
 mod tests {
     use super::*;
     use crate::lanes::{LaneTask, SimdLevel, SingleLane};
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     /// Objects 0, 1, 2, .. with these first triangles.
     fn table(starts: &[u32]) -> Objects {

@@ -155,6 +155,15 @@ points! {
             Points::second_footprint_here;
         object_width: F32 as Num<L>, "units of the object", "at least 0",
             "Diameter of the ray's cone at the point in the object's own space.", Points::object_width_here;
+        object_bounds_min: Vec3f as Vector<L>, "units of the object", "finite",
+            "Least corner of the object's box in its own space. Where there is no object, that of the scene.",
+            Points::object_bounds_min_here;
+        object_bounds_max: Vec3f as Vector<L>, "units of the object", "finite", "Greatest corner of that box.",
+            Points::object_bounds_max_here;
+        time: F32 as Num<L>, "seconds", "finite",
+            "Time that the picture shows: that of the scene's animation, or of the frame.", Points::time_here;
+        frame: U32 as Int<L>, "index", "below the number of frames", "Frame; 0 in a single picture.",
+            Points::frame_here;
     }
 }
 
@@ -342,6 +351,26 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn object_here(&self) -> Int<L> {
         self.scene.objects.at(self.primitive)
+    }
+
+    #[inline(always)]
+    fn object_bounds_min_here(&self) -> Vector<L> {
+        self.scene.object_bounds_at(self.primitive)[0]
+    }
+
+    #[inline(always)]
+    fn object_bounds_max_here(&self) -> Vector<L> {
+        self.scene.object_bounds_at(self.primitive)[1]
+    }
+
+    #[inline(always)]
+    fn time_here(&self) -> Num<L> {
+        Num::splat(self.lanes(), self.scene.moment.seconds)
+    }
+
+    #[inline(always)]
+    fn frame_here(&self) -> Int<L> {
+        Int::splat(self.lanes(), self.scene.moment.frame)
     }
 
     #[inline(always)]

@@ -64,6 +64,12 @@ pub trait Procedural: Debug + Send + Sync + 'static {
         false
     }
 
+    /// True if the surface asks for the moment that a picture shows ([`Points::time`], [`Points::frame`]). Frames of an
+    /// animation then have scenes of their own; without it they may all show the same moment.
+    fn reads_moment(&self) -> bool {
+        false
+    }
+
     /// The surface as it is on a material of this surface, if that may cost less or have other effects.
     ///
     /// # Errors
@@ -109,6 +115,11 @@ impl ProceduralSurface {
     /// Calls [`Procedural::starts_from_material`].
     pub fn starts_from_material(&self) -> bool {
         self.surface.starts_from_material()
+    }
+
+    /// Calls [`Procedural::reads_moment`].
+    pub fn reads_moment(&self) -> bool {
+        self.surface.reads_moment()
     }
 
     /// The surface on a material of this surface.
@@ -171,6 +182,7 @@ type Surroundings<'a> = (&'a Scene, Option<&'a OwnSurface>);
 trait ErasedLanes: Debug + Send + Sync {
     fn finish(&self, lanes: usize, scene: Surroundings<'_>, points: &PointColumns) -> FinishColumns;
     fn starts_from_material(&self) -> bool;
+    fn reads_moment(&self) -> bool;
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String>;
     fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
@@ -182,6 +194,10 @@ impl<P: Procedural> ErasedLanes for P {
 
     fn starts_from_material(&self) -> bool {
         Procedural::starts_from_material(self)
+    }
+
+    fn reads_moment(&self) -> bool {
+        Procedural::reads_moment(self)
     }
 
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {

@@ -64,6 +64,11 @@ pub trait Scattering: Debug + Send + Sync + 'static {
     fn transmits(&self) -> bool {
         false
     }
+
+    /// True if the surface asks for the moment that a picture shows: see [`super::Procedural::reads_moment`].
+    fn reads_moment(&self) -> bool {
+        false
+    }
 }
 
 /// Sampled directions, one in each lane.
@@ -138,6 +143,11 @@ impl ScatteringSurface {
     pub fn transmits(&self) -> bool {
         self.0.transmits()
     }
+
+    /// Calls [`Scattering::reads_moment`].
+    pub fn reads_moment(&self) -> bool {
+        self.0.reads_moment()
+    }
 }
 
 /// [`Scattering`] over arrays instead of lanes.
@@ -145,6 +155,7 @@ trait ErasedLanes: Debug + Send + Sync {
     fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
     fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
+    fn reads_moment(&self) -> bool;
 }
 
 /// Points of a scene.
@@ -172,6 +183,10 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn transmits(&self) -> bool {
         Scattering::transmits(self)
+    }
+
+    fn reads_moment(&self) -> bool {
+        Scattering::reads_moment(self)
     }
 }
 

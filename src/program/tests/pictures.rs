@@ -93,7 +93,7 @@ fn pictures_are_averaged_over_what_the_cone_covers_of_their_coordinates() {
             let mut at = point_at(&scene, [0.013 * i as f32, 0.3, 0.1 * i as f32]);
             at.uv = [0.371 * i as f32, 0.117 * i as f32].map(Into::into);
             at.barycentric = [0.01 * i as f32, 0.02 * i as f32].map(Into::into);
-            at.width = 0.003.into();
+            at.width = 0.02.into();
             let finish = shader.finish(&at);
             let colour = [finish.colour.x, finish.colour.y, finish.colour.z].map(|x| x.get());
             assert!(colour.iter().all(|x| x.abs() < 1e-6), "{uv} is not over {side}: {colour:?}");
@@ -107,7 +107,8 @@ fn pictures_are_averaged_over_what_the_cone_covers_of_their_coordinates() {
 fn a_look_up_is_done_once() {
     let once = "var p: texture_2d<f32>;
         fn pattern(at: Point) -> Finish { var f = matte(at); f.colour = image(p, at.uv).rgb; return f; }";
-    let twice = once.replace("return", "f.roughness = image(p, at.uv).a; f.metallic = image(p, at.uv).x; return");
+    let twice =
+        once.replace("return", "f.roughness = image(p, at.uv).a; f.metallic = image(p, at.uv).x; return");
     assert_eq!(shader(once).operations(), shader(&twice).operations());
 }
 
@@ -127,16 +128,25 @@ fn pictures_that_are_not_bound_are_told_with_their_place() {
     let place = "\n --> test.wgsl:2:1\n  |\n2 | var dirt: texture_2d<f32>;\n";
     let unbound = told(&[("size", "2")]);
     assert!(unbound.starts_with(&format!("the picture `dirt` is not bound{place}")), "{unbound}");
-    assert!(unbound.contains("= help: bind a file, `dirt=FILE.png`, or a texture of the material"), "{unbound}");
+    assert!(
+        unbound.contains("= help: bind a file, `dirt=FILE.png`, or a texture of the material"),
+        "{unbound}"
+    );
     let number = told(&[("dirt", "3")]);
-    assert!(number.starts_with(&format!("the picture `dirt` is \"3\": there is no such thing{place}")), "{number}");
+    assert!(
+        number.starts_with(&format!("the picture `dirt` is \"3\": there is no such thing{place}")),
+        "{number}"
+    );
     let swapped = told(&[("dirt", "dirt.png"), ("size", "dirt.png")]);
     assert!(swapped.starts_with("`size` is \"dirt.png\", which is no f32\n --> test.wgsl:1:1"), "{swapped}");
     let unknown = told(&[("dust", "dirt.png")]);
     assert!(unknown.contains("it has size, dirt"), "{unknown}");
     let plain = SurfaceShader::load("test.wgsl", text, []).map(|_| ()).expect_err("not bound");
     assert_eq!((plain.line, &*plain.message), (2, "the picture `dirt` is not bound"));
-    assert_eq!(SurfaceShader::check("test.wgsl", text).expect("white").parameters()[1].kind, "texture_2d<f32>");
+    assert_eq!(
+        SurfaceShader::check("test.wgsl", text).expect("white").parameters()[1].kind,
+        "texture_2d<f32>"
+    );
 }
 
 #[test]

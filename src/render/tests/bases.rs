@@ -128,6 +128,15 @@ fn only_what_the_material_has_is_computed() {
     let effects = |scene: &Scene| *scene.procedurals.last().expect("a surface").effects();
     scene.give_surface(&[0], pattern(DIRT, None)).expect("a finish");
     assert_eq!(effects(&scene), Effects::default());
+    // A finish that is replaced under a condition has no more effects.
+    let at_some = "fn pattern(at: Point) -> Finish {
+        var whole = base(at);
+        if (at.position.x > 0.0) { whole = mix_finish(whole, matte(at), 0.5); } else { whole.metallic = at.uv.x; }
+        return whole;
+    }";
+    let mut some = scene.clone();
+    some.give_surface(&[0], pattern(at_some, None)).expect("a finish");
+    assert_eq!(effects(&some), Effects::default());
     // A new shader on the same material starts from it, too.
     let bent = DIRT.replace("return whole;", "whole.sheen = vec3f(mask); return whole;");
     scene.give_surface(&[0], pattern(&bent, None)).expect("a finish");
@@ -153,7 +162,7 @@ fn layers_that_a_pattern_sets_are_those_of_native_materials() {
         all
     };
     let bare = native(&|of| of.roughness = Scalar::constant(0.5));
-    let cases: [(&str, Edit<'_>); 5] = [
+    let cases: [(&str, Edit<'_>); 7] = [
         ("f.sheen = vec3f(0.8, 0.4, 0.2); f.sheen_roughness = 0.3;", &|of| {
             let colour = crate::scene::Colour::constant(glam::Vec3::new(0.8, 0.4, 0.2));
             of.sheen = Some(crate::scene::Sheen { colour, roughness: Scalar::constant(0.3) });
@@ -184,6 +193,21 @@ fn layers_that_a_pattern_sets_are_those_of_native_materials() {
                 of.ior = 3.0;
                 of.clearcoat = Scalar::constant(0.5);
                 of.clearcoat_roughness = Scalar::constant(0.4);
+            },
+        ),
+        ("var v = matte(at); v.roughness = 0.4; f = layer(v, f, 1.0);", &|of| {
+            of.clearcoat = Scalar::constant(1.0);
+            of.clearcoat_roughness = Scalar::constant(0.4);
+        }),
+        (
+            "var v = matte(at); v.roughness = 0.25; v.colour = vec3f(0.5, 0.3, 0.125);
+            f = layer(v, layer(v, f, 0.0), 0.5);",
+            &|of| {
+                of.clearcoat = Scalar::constant(0.5);
+                of.clearcoat_roughness = Scalar::constant(0.25);
+                let tint = glam::Vec3::new(0.75, 0.65, 0.5625);
+                of.base_colour.factor *= tint;
+                of.specular_colour = crate::scene::Colour::constant(tint);
             },
         ),
     ];

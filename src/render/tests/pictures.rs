@@ -49,7 +49,8 @@ fn file(scene: &Scene) -> Texture {
 fn pattern(scene: &Scene, text: &str, block: Option<usize>) -> CodedSurface {
     let mut find = |_: &str| Ok(BoundTexture::new(file(scene)));
     let values = [("dirt", "dirt.png"), ("mask", "mask.png"), ("own", "own.png")];
-    let values: Vec<_> = values.into_iter().filter(|(name, _)| text.contains(&format!("var {name}"))).collect();
+    let values: Vec<_> =
+        values.into_iter().filter(|(name, _)| text.contains(&format!("var {name}"))).collect();
     let shader = PatternShader::load_with_pictures("test.wgsl", text, &values, &mut find);
     ProceduralSurface::new(shader.unwrap_or_else(|error| panic!("{error}")).with_block(block)).into()
 }

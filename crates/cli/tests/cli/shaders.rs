@@ -224,7 +224,11 @@ fn shaders_look_up_pictures_of_files_and_of_the_material() {
     let painted = hash(folder, "scene.json", &["--surface", surface]);
     assert_ne!(painted, plain);
     for more in [["--simd", "scalar", "--threads", "1"], ["--simd", "auto", "--threads", "2"]] {
-        assert_eq!(hash(folder, "scene.json", &[&["--surface", surface], &more[..]].concat()), painted, "{more:?}");
+        assert_eq!(
+            hash(folder, "scene.json", &[&["--surface", surface], &more[..]].concat()),
+            painted,
+            "{more:?}"
+        );
     }
     for other in [
         "wall=paints/painted.wgsl,paint=paint.tga,mask=mask.tga,clamp",
@@ -257,11 +261,18 @@ fn pictures_that_cannot_be_had_are_told_with_file_line_and_remedy() {
         ("wall=P,paint=broken.png,mask=mask.tga", &["broken.png: cannot be decoded", painted]),
         ("wall=P,paint=3,mask=mask.tga", &["no input \"3\" with a texture", inputs, painted, "bind a file"]),
         ("wall=P,paint=dirt.gif,mask=mask.tga", &["no input \"dirt.gif\"", inputs, painted]),
-        ("wall=P,paint=sheen,mask=mask.tga", &["no texture of \"sheen\"", "it has those of base-colour", painted]),
-        ("*=P,paint=base-colour,mask=mask.tga", &["\"door\" has no texture of \"base-colour\"", "none at all"]),
+        (
+            "wall=P,paint=sheen,mask=mask.tga",
+            &["no texture of \"sheen\"", "it has those of base-colour", painted],
+        ),
+        (
+            "*=P,paint=base-colour,mask=mask.tga",
+            &["\"door\" has no texture of \"base-colour\"", "none at all"],
+        ),
     ] {
         let surface = surface.replace("=P,", "=paints/painted.wgsl,");
-        let args = ["render", "scene.json", "-o", "p.png", "--size", "8x8", "--spp", "1", "--surface", &surface];
+        let args =
+            ["render", "scene.json", "-o", "p.png", "--size", "8x8", "--spp", "1", "--surface", &surface];
         let text = run(folder, &args, 2);
         assert!(words.iter().all(|word| text.contains(word)), "{surface}\n{text}");
     }
@@ -270,6 +281,48 @@ fn pictures_that_cannot_be_had_are_told_with_file_line_and_remedy() {
     assert!(text.contains("--set wall.paint=paint.tga: a picture is bound beside its shader"), "{text}");
     let text = run(folder, &["shaders", "check", "paints/painted.wgsl"], 0);
     assert!(text.contains("  paint: texture_2d<f32>, must be bound"), "{text}");
+}
+
+/// The hashes of the frames of an animation.
+fn frame_hashes(folder: &Path, more: &[&str]) -> Vec<String> {
+    let args = ["render", "scene.json", "-o", "f%d.npy", "--size", "40x30", "--spp", "2", "--tracer", "cpu"];
+    run(folder, &[&args[..], &["--stats", "s.json"], more].concat(), 0);
+    let stats = json(&folder.join("s.json"));
+    let frames = stats["frames"].as_array().expect("frames");
+    frames.iter().map(|frame| frame["hash"].as_str().expect("a hash").to_owned()).collect()
+}
+
+#[test]
+fn time_and_frame_count_where_a_shader_reads_them() {
+    let folder = folder();
+    let folder = folder.path();
+    write_painted(folder, "");
+    let write = |name: &str, colour: &str| {
+        let text = format!(
+            "fn pattern(at: Point) -> Finish {{ var f = matte(at); f.colour = vec3f({colour}); return f; }}"
+        );
+        std::fs::write(folder.join(name), text).expect("written");
+    };
+    write("timed.wgsl", "fract(at.time), 0.5, 0.2");
+    write("framed.wgsl", "0.1 * f32(at.frame), 0.5, 0.2");
+    write("plain.wgsl", "0.3, 0.5, 0.2");
+    let frames = ["--frames", "2..4", "--fps", "8"];
+    let of = |shader: &str, more: &[&str]| {
+        let surface = format!("wall={shader}");
+        frame_hashes(folder, &[&frames[..], &["--surface", &surface], more].concat())
+    };
+    let still = |shader: &str, more: &[&str]| {
+        hash(folder, "scene.json", &[&["--surface", &format!("wall={shader}")][..], more].concat())
+    };
+    let timed = of("timed.wgsl", &["--time", "0.5"]);
+    assert_eq!(timed, [still("timed.wgsl", &["--time", "0.75"]), still("timed.wgsl", &["--time", "0.875"])]);
+    assert_ne!(timed[0], timed[1]);
+    assert_ne!(timed, of("timed.wgsl", &["--time", "0.5", "--shutter", "0.1", "--shutter-steps", "2"]));
+    let framed = of("framed.wgsl", &[]);
+    assert!(framed[0] != framed[1] && framed[0] != still("framed.wgsl", &[]), "{framed:?}");
+    assert_eq!(framed, of("framed.wgsl", &["--time", "7", "--simd", "scalar", "--threads", "1"]));
+    let plain = of("plain.wgsl", &["--time", "0.5", "--turntable", "0"]);
+    assert_eq!(plain, vec![still("plain.wgsl", &[]); 2]);
 }
 
 /// Glass with water in it, gold and a lamp over a floor: triangles few enough to be made in no time.
