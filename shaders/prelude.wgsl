@@ -2,7 +2,7 @@
 
 const TAU: f32 = 6.2831855;
 
-// A picture at uv: red, green, blue and alpha as linear numbers. It is averaged over what the ray's cone covers there: of
+// A picture at uv: red, green, blue and alpha as linear numbers. It is averaged over what the ray's cone covers of
 // `at.uv`, `at.uv1`, `at.position` or `at.object_position`, times known factors. Other coordinates read single texels.
 fn image(picture: texture_2d<f32>, uv: vec2f) -> vec4f {
     return vec4f(uv, 0.0, 1.0);

@@ -153,7 +153,7 @@ impl Shaders {
     /// an error, which is told.
     pub fn changed(&mut self, scene: &Scene) -> Option<Scene> {
         let mut changed = None;
-        let mut loader = Loader::new(&self.settings, &self.options);
+        let mut loader = Loader::new(scene, &self.settings, &self.options);
         for shader in &mut self.all {
             if !shader.has_changed() {
                 continue;
@@ -187,7 +187,7 @@ pub fn apply(
     between: impl FnOnce(&mut Scene) -> Result<()>,
 ) -> Result<(Shaders, Vec<Setting>)> {
     let mut all = Vec::new();
-    let mut loader = Loader::new(settings, options);
+    let mut loader = Loader::new(scene, settings, options);
     let requests = std::mem::take(&mut scene.surface_requests);
     let (shaders, others) = requests.into_iter().partition(|request| request.surface.ends_with(EXTENSION));
     scene.surface_requests = others;
@@ -231,14 +231,15 @@ struct Loader<'a> {
     /// For each setting, true if a shader has it.
     used: Vec<bool>,
     options: &'a LoadOptions,
-    /// The pictures that have been read, and their bytes in all.
+    /// The pictures that have been read, and their bytes in all with those of the scene.
     pictures: Vec<(PictureFile, BoundTexture)>,
     held: u64,
 }
 
 impl<'a> Loader<'a> {
-    fn new(settings: &'a [Setting], options: &'a LoadOptions) -> Self {
-        Self { settings, used: vec![false; settings.len()], options, pictures: Vec::new(), held: 0 }
+    fn new(scene: &Scene, settings: &'a [Setting], options: &'a LoadOptions) -> Self {
+        let (used, held) = (vec![false; settings.len()], scene.bytes());
+        Self { settings, used, options, pictures: Vec::new(), held }
     }
 
     /// Gives materials a shader.
@@ -295,7 +296,7 @@ impl<'a> Loader<'a> {
         let left = self.options.memory().bytes().saturating_sub(self.held);
         let options = self.options.clone().with_memory(MemoryBudget::of_bytes(left));
         let picture = file.load(&options).map_err(|error| error.to_string())?;
-        self.held += picture.bytes();
+        self.held += size_of_val(picture.texels()) as u64;
         self.pictures.push((file, picture.clone()));
         Ok(picture)
     }

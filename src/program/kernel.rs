@@ -24,7 +24,7 @@ thread_local! {
 #[derive(Debug)]
 pub(super) struct Kernel {
     pub code: Arc<Code>,
-    /// The pictures that it looks up, by number.
+    /// Those that it looks up, by number.
     pictures: Arc<[BoundTexture]>,
     /// Differs between all programs of a process, and from 0.
     number: u64,
@@ -34,6 +34,11 @@ impl Kernel {
     pub fn new(code: Code, pictures: Arc<[BoundTexture]>) -> Self {
         static NUMBERS: AtomicU64 = AtomicU64::new(1);
         Self { code: Arc::new(code), pictures, number: NUMBERS.fetch_add(1, Relaxed) }
+    }
+
+    /// The pictures that it looks up, by number.
+    pub fn pictures(&self) -> &[BoundTexture] {
+        &self.pictures
     }
 
     /// Columns of `block` points, to be returned by [`Kernel::keep`].

@@ -95,8 +95,8 @@ pub(super) fn parameters(source: &Source) -> Vec<Parameter> {
     all
 }
 
-/// The words of parameters that are set: `name` of a number, `name.0`, `name.1`, .. of a vector's numbers. Pictures have
-/// none.
+/// The words of parameters that are set: `name` of a number, `name.0`, `name.1`, .. of a vector's numbers. Pictures
+/// have none.
 ///
 /// # Errors
 /// When there is no such parameter, or its value is none of its kind.

@@ -130,8 +130,8 @@ impl LaneTask for Alone<'_> {
     }
 }
 
-/// Runs a program that calls no host functions and looks up these pictures at the first points of a block: the least multiple of [`CHUNK`] that is
-/// not below `points`.
+/// Runs a program that calls no host functions and looks up these pictures at the first points of a block: the least
+/// multiple of [`CHUNK`] that is not below `points`.
 ///
 /// # Errors
 /// When a loop takes too many turns.

@@ -33,8 +33,8 @@ impl SurfaceShader {
         Self::of(Loaded::new(file, text, values, true)?)
     }
 
-    /// [`SurfaceShader::load`] of a shader with pictures. `find` is given the value of each and returns the texture that
-    /// it names, or says why there is none.
+    /// [`SurfaceShader::load`] of a shader with pictures. `find` is given the value of each and returns the texture
+    /// that it names, or says why there is none.
     ///
     /// ```
     /// use raystream::program::SurfaceShader;

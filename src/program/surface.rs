@@ -194,6 +194,10 @@ impl Procedural for PatternShader {
         self.over.is_some()
     }
 
+    fn textures(&self) -> &[BoundTexture] {
+        self.kernel.pictures()
+    }
+
     fn reads_moment(&self) -> bool {
         self.inputs.read_moment()
     }

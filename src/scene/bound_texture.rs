@@ -13,13 +13,19 @@ pub struct BoundTexture {
     texture: Texture,
     /// The transform of the coordinates.
     reference: TextureRef,
+    hash: u64,
 }
 
 impl BoundTexture {
     /// A texture whose coordinates are not transformed. Without mipmap levels ([`Texture::add_mipmap`]) every lookup
     /// reads the image itself.
     pub fn new(texture: Texture) -> Self {
-        Self { texture, reference: TextureRef::plain(0) }
+        Self::with_transform(texture, TextureRef::plain(0))
+    }
+
+    fn with_transform(texture: Texture, reference: TextureRef) -> Self {
+        let hash = Encoder::digest_of(&Hashed { texture: &texture, reference: &reference });
+        Self { texture, reference, hash }
     }
 
     /// A texture of a scene, with a material's transform of its coordinates.
@@ -27,7 +33,7 @@ impl BoundTexture {
     /// # Panics
     /// If the scene has no such texture.
     pub fn of_scene(scene: &Scene, reference: TextureRef) -> Self {
-        Self { texture: scene.textures[reference.texture as usize].clone(), reference }
+        Self::with_transform(scene.textures[reference.texture as usize].clone(), reference)
     }
 
     /// One white texel.
@@ -52,18 +58,24 @@ impl BoundTexture {
         self.texture.look_up(self.reference.transform(place), &footprint)
     }
 
-    /// Bytes of its texels, with their mipmap levels.
-    pub fn bytes(&self) -> u64 {
-        size_of_val(&*self.texture.texels) as u64
+    /// The texels, with their mipmap levels.
+    pub fn texels(&self) -> &[[u8; 4]] {
+        &self.texture.texels
     }
 
     /// A hash of all that a lookup depends on.
     pub fn hash(&self) -> u64 {
-        Encoder::digest_of(self)
+        self.hash
     }
 }
 
-impl Encode for BoundTexture {
+/// What a lookup depends on.
+struct Hashed<'a> {
+    texture: &'a Texture,
+    reference: &'a TextureRef,
+}
+
+impl Encode for Hashed<'_> {
     fn encode(&self, to: &mut Encoder) {
         let Self { texture, reference: TextureRef { texture: _, set: _, offset, rotation, scale } } = self;
         texture.encode(to);

@@ -196,6 +196,9 @@ impl Scene {
     /// Bytes of triangles and textures, by far the largest parts.
     pub fn bytes(&self) -> u64 {
         let mut images: Vec<&[[u8; 4]]> = self.textures.iter().map(|texture| &*texture.texels).collect();
+        let of_patterns = self.procedurals.iter().flat_map(ProceduralSurface::textures);
+        let of_code = of_patterns.chain(self.scatterings.iter().flat_map(ScatteringSurface::textures));
+        images.extend(of_code.map(BoundTexture::texels));
         // Textures may share texels.
         images.sort_by_key(|image| image.as_ptr());
         images.dedup_by_key(|image| image.as_ptr());

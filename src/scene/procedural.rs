@@ -3,7 +3,7 @@
 use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
-use super::{BlockSurface, Effects, Finish, OwnSurface, Points, Scene};
+use super::{BlockSurface, BoundTexture, Effects, Finish, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, OutlinedTask};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -70,6 +70,11 @@ pub trait Procedural: Debug + Send + Sync + 'static {
         false
     }
 
+    /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
+    fn textures(&self) -> &[BoundTexture] {
+        &[]
+    }
+
     /// The surface as it is on a material of this surface, if that may cost less or have other effects.
     ///
     /// # Errors
@@ -120,6 +125,11 @@ impl ProceduralSurface {
     /// Calls [`Procedural::reads_moment`].
     pub fn reads_moment(&self) -> bool {
         self.surface.reads_moment()
+    }
+
+    /// Calls [`Procedural::textures`].
+    pub fn textures(&self) -> &[BoundTexture] {
+        self.surface.textures()
     }
 
     /// The surface on a material of this surface.
@@ -183,6 +193,7 @@ trait ErasedLanes: Debug + Send + Sync {
     fn finish(&self, lanes: usize, scene: Surroundings<'_>, points: &PointColumns) -> FinishColumns;
     fn starts_from_material(&self) -> bool;
     fn reads_moment(&self) -> bool;
+    fn textures(&self) -> &[BoundTexture];
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String>;
     fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
@@ -198,6 +209,10 @@ impl<P: Procedural> ErasedLanes for P {
 
     fn reads_moment(&self) -> bool {
         Procedural::reads_moment(self)
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        Procedural::textures(self)
     }
 
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {

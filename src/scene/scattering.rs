@@ -2,7 +2,7 @@
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use super::points::PointColumns;
-use super::{Points, Scene};
+use super::{BoundTexture, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -63,6 +63,11 @@ pub trait Scattering: Debug + Send + Sync + 'static {
     /// True if the surface transmits light from below, from directions with `wi.z < 0`.
     fn transmits(&self) -> bool {
         false
+    }
+
+    /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
+    fn textures(&self) -> &[BoundTexture] {
+        &[]
     }
 
     /// True if the surface asks for the moment that a picture shows: see [`super::Procedural::reads_moment`].
@@ -144,6 +149,11 @@ impl ScatteringSurface {
         self.0.transmits()
     }
 
+    /// Calls [`Scattering::textures`].
+    pub fn textures(&self) -> &[BoundTexture] {
+        self.0.textures()
+    }
+
     /// Calls [`Scattering::reads_moment`].
     pub fn reads_moment(&self) -> bool {
         self.0.reads_moment()
@@ -156,6 +166,7 @@ trait ErasedLanes: Debug + Send + Sync {
     fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
     fn reads_moment(&self) -> bool;
+    fn textures(&self) -> &[BoundTexture];
 }
 
 /// Points of a scene.
@@ -187,6 +198,10 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn reads_moment(&self) -> bool {
         Scattering::reads_moment(self)
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        Scattering::textures(self)
     }
 }
 

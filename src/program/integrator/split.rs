@@ -275,10 +275,7 @@ impl<'a> Splitter<'a> {
         while let Some(at) = open.pop() {
             let instruction = &self.code.instructions[at];
             let can_move = match instruction {
-                Instruction::Compute { .. }
-                | Instruction::Call { .. }
-                | Instruction::LookUp { .. }
-                | Instruction::Element { .. } => true,
+                Instruction::Compute { .. } | Instruction::Call { .. } | Instruction::Element { .. } => true,
                 Instruction::Host { function, .. } => !function.is_effect(),
                 _ => false,
             };

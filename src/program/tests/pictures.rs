@@ -79,7 +79,11 @@ fn pictures_are_averaged_over_what_the_cone_covers_of_their_coordinates() {
         let text = format!(
             "override tiles = 3.0;
             var p: texture_2d<f32>;
-            fn warped(uv: vec2f) -> vec2f {{ var moved = uv; for (var i = 0; i < 2; i++) {{ moved *= 3.0; }} return moved; }}
+            fn warped(uv: vec2f) -> vec2f {{
+                var moved = uv;
+                for (var i = 0; i < 2; i++) {{ moved *= 3.0; }}
+                return moved;
+            }}
             fn pattern(at: Point) -> Finish {{
                 var f = matte(at);
                 f.colour = image(p, {uv}).rgb - image_over(p, {uv}, {side}).rgb;

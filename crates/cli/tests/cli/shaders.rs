@@ -60,7 +60,13 @@ fn materials_are_changed_by_name_and_shaders_win() {
 #[test]
 fn shipped_shaders_are_valid_and_list_their_parameters() {
     let folder = folder();
-    for (name, parameter) in [("wood", "rings: f32"), ("marble", "bend: f32"), ("brick", "joint: f32")] {
+    for (name, parameter) in [
+        ("wood", "rings: f32"),
+        ("marble", "bend: f32"),
+        ("brick", "joint: f32"),
+        ("decal", "print: texture_2d<f32>, must be bound"),
+        ("grime", "cover: f32"),
+    ] {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a pattern of") && text.contains(parameter), "{text}");
     }

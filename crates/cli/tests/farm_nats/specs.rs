@@ -26,7 +26,7 @@ fn specs() -> [Value; 14] {
         json!({ "f-stop": 1.4, "focus-distance": 800, "aperture-blades": 6, "shift": [0, 0.1] }),
         json!({ "surface": ["white=dust.wgsl"], "clamp-indirect": 4 }),
         json!({ "surface": ["white=tiled.wgsl,tiles=tiles.tga,linear,mirror"] }),
-        json!({ "surface": ["white=pulse.wgsl"], "frames": "1..3", "fps": 4 }),
+        json!({ "surface": ["white=pulse.wgsl"], "frames": "1..3", "fps": 4, "time": 0.5 }),
         json!({ "integrator": "rooms.wgsl", "region": [3, 2, 9, 7] }),
         json!({ "views": 2, "noise": 0.5, "spp": 32 }),
         json!({ "scene": "fall.gltf", "frames": "0..3", "fps": 4, "time": 0.25 }),
