@@ -2,6 +2,17 @@
 
 const TAU: f32 = 6.2831855;
 
+// A picture at uv: red, green, blue and alpha as linear numbers. It is averaged over what the ray's cone covers of
+// `at.uv`, `at.uv1`, `at.position` or `at.object_position`, times known factors. Other coordinates read single texels.
+fn image(picture: texture_2d<f32>, uv: vec2f) -> vec4f {
+    return vec4f(uv, 0.0, 1.0);
+}
+
+// The same, averaged over a square of this side around uv.
+fn image_over(picture: texture_2d<f32>, uv: vec2f, side: f32) -> vec4f {
+    return vec4f(uv, side, 1.0);
+}
+
 fn pow3(base: vec3f, power: f32) -> vec3f {
     return vec3f(pow_of(base.x, power), pow_of(base.y, power), pow_of(base.z, power));
 }
@@ -13,6 +24,27 @@ fn mixed(a: f32, b: f32, share: f32) -> f32 {
 
 fn mixed3(a: vec3f, b: vec3f, share: f32) -> vec3f {
     return vec3f(mixed(a.x, b.x, share), mixed(a.y, b.y, share), mixed(a.z, b.z, share));
+}
+
+fn tinted(colour: vec3f, tint: vec3f) -> vec3f {
+    return select(colour * tint, colour, colour == vec3f(0.0));
+}
+
+// A finish under a clear varnish that covers a share of it. Of the varnish two things count: its colour, which is the
+// share of white light that remains after it has passed the varnish down and up, and its roughness.
+fn layer(varnish: Finish, below: Finish, weight: f32) -> Finish {
+    let share = clamp(weight, 0.0, 1.0);
+    let tint = mixed3(vec3f(1.0), varnish.colour, share);
+    var coated = below;
+    coated.colour = below.colour * tint;
+    coated.specular_tint = below.specular_tint * tint;
+    coated.sheen = tinted(below.sheen, tint);
+    coated.diffuse_transmission_colour = below.diffuse_transmission_colour * tint;
+    coated.emission = tinted(below.emission, sqrt(max(tint, vec3f(0.0))));
+    coated.clearcoat = below.clearcoat + (1.0 - below.clearcoat) * share;
+    let part = select(share / coated.clearcoat, 0.0, coated.clearcoat == 0.0);
+    coated.clearcoat_roughness = mixed(below.clearcoat_roughness, varnish.roughness, part);
+    return coated;
 }
 
 // The share of light that the boundary of a body of an index of refraction reflects at normal incidence.

@@ -8,8 +8,8 @@ use crate::engine::PreparedScene;
 use crate::film::{Film, NoisyPicture};
 use crate::memory::MemoryBudget;
 use crate::render::{AovSet, PASSES_IN_FLIGHT, Settings};
-use crate::scene::Scene;
 use crate::scene::load::LoadOptions;
+use crate::scene::{Moment, Scene};
 use anyhow::{Context, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -91,23 +91,32 @@ impl CheckedSpec {
     /// # Errors
     /// What the options and the scene have against each other.
     pub fn change(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
-        let found = self.change_materials(scene)?;
+        let found = self.change_materials(scene, options)?;
         self.spec.light.apply_environment(scene, options)?;
         Ok(found)
     }
 
     /// The part of [`Self::change`] that leaves the environment as it is.
-    pub(super) fn change_materials(&self, scene: &mut Scene) -> Result<Shaders> {
+    pub(super) fn change_materials(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
         let file = self.spec.scene.as_deref().unwrap_or(Path::new(""));
+        scene.moment = self.moment(0, 0.0);
         let own = |scene: &mut Scene| {
             for warning in self.registry.apply_surfaces(scene, &self.own)? {
                 log::warn!("{warning}");
             }
             self.spec.material.iter().try_for_each(|change| change.apply(scene))
         };
-        let (found, unknown) = shaders::apply(scene, file, &self.spec.surface, &self.foreign, own)?;
+        let surfaces = &self.spec.surface;
+        let (found, unknown) = shaders::apply(scene, file, surfaces, &self.foreign, options, own)?;
         self.registry.check_settings(&self.integrator, &unknown)?;
         Ok(found)
+    }
+
+    /// The moment so many seconds from the time of a frame.
+    pub(super) fn moment(&self, frame: u32, offset: f64) -> Moment {
+        let (start, animation) = (self.spec.loading.time.unwrap_or(0.0), &self.spec.animation);
+        let frame = animation.frames.as_ref().map_or(0, |_| frame);
+        Moment { seconds: (start + f64::from(frame) / animation.rate() + offset) as f32, frame }
     }
 
     /// Checks the frames of the spec against a scene.

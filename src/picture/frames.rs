@@ -126,9 +126,12 @@ impl Frames {
                 );
                 Motion::Scene(motion.clone(), spec.animation.rate())
             }
-            (None, None, None) if scene.is_animated => Motion::Still(own, None),
+            (None, None, None) if scene.is_animated || scene.reads_moment() => Motion::Still(own, None),
             (None, None, None) => {
-                bail!("--frames: the scene has no animation; add --turntable DEG or --camera-path FILE")
+                bail!(
+                    "--frames: the scene has no animation; add --turntable DEG or --camera-path FILE, or a shader \
+                     that reads the time"
+                )
             }
         };
         Ok(Self { numbers, motion })

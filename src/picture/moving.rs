@@ -57,7 +57,7 @@ impl Moving {
         let width = opened.prepared().scene.stroke_width;
         let mut scene =
             load_with(path, &width.iter().fold(options, |options, &width| options.with_stroke_width(width)))?;
-        drop(checked.change_materials(&mut scene)?);
+        drop(checked.change_materials(&mut scene, &self.options)?);
         scene.environment = opened.prepared().scene.environment.clone();
         let bytes = PreparedScene::building_bytes(&scene);
         afford(&self.memory, format!("the scene at {seconds} s and its tree"), bytes)?;
@@ -103,7 +103,20 @@ impl Rendering {
 
     /// True if its frames have different scenes, and this is the rendering of all of them.
     pub fn moves(&self) -> bool {
-        self.moving().is_some() && !self.is_of_frame() && self.spec().animation.frames.is_some()
+        let differs = self.moving().is_some() || self.prepared().scene.reads_moment();
+        differs && !self.is_of_frame() && self.spec().animation.frames.is_some()
+    }
+
+    /// The same at a moment of a frame, so many seconds from its time, for surfaces that ask for it.
+    fn at_moment(&self, frame: u32, offset: f64) -> Result<Self> {
+        let (prepared, moment) = (self.prepared(), self.checked().moment(frame, offset));
+        if !prepared.scene.reads_moment() || prepared.scene.moment == moment {
+            return Ok(self.clone());
+        }
+        // Its lights are those of all frames.
+        prepared.lit();
+        let scene = Scene { moment, ..Scene::clone(&prepared.scene) };
+        Ok(self.with_prepared(prepared.with_scene(scene)?))
     }
 
     /// The rendering of a frame's scene: this one, if the scene does not move.
@@ -111,11 +124,16 @@ impl Rendering {
     /// # Errors
     /// If the scene cannot be read.
     pub fn of_frame(&self, frame: u32) -> Result<Self> {
-        let (true, Some(moving), Some(seconds)) = (self.moves(), self.moving(), self.time(frame)) else {
+        if !self.moves() {
             return Ok(self.clone());
+        }
+        let prepared = match (self.moving(), self.time(frame)) {
+            (Some(moving), Some(seconds)) => {
+                moving.scene(seconds, self).with_context(|| format!("frame {frame}"))?
+            }
+            _ => self.prepared().clone(),
         };
-        let prepared = moving.scene(seconds, self).with_context(|| format!("frame {frame}"))?;
-        Ok(self.with_prepared(prepared))
+        self.with_prepared(prepared).at_moment(frame, 0.0)
     }
 
     /// The rendering and the integrator of a pass of a frame, whose own integrator is given. If the shutter is open for
@@ -146,6 +164,7 @@ impl Rendering {
                 moment()
             );
         }
+        own = own.at_moment(frame, offset)?;
         let camera = self.frames().camera_at(self.spec(), frame, offset).with_context(moment)?;
         let bare = own.bare_integrator(&camera).with_context(moment)?;
         let exposed = integrator.frame().exposed(bare.frame(), pass);

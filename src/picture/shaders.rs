@@ -1,8 +1,11 @@
 //! Shaders in WGSL: `surface`, and those that scenes name.
 
+use super::picture_file::PictureFile;
 use super::plugin_options::Setting;
-use crate::program::{MAX_SOURCE_BYTES, SurfaceShader};
-use crate::scene::{Scene, Surface};
+use crate::memory::MemoryBudget;
+use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader};
+use crate::scene::load::LoadOptions;
+use crate::scene::{BoundTexture, Scene, Surface, SurfaceRequest, TextureRef};
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt;
 use std::io::Read;
@@ -59,6 +62,44 @@ impl fmt::Display for ShaderSurface {
     }
 }
 
+impl ShaderSurface {
+    /// Replaces the paths of all files: the shader's and those of its pictures.
+    ///
+    /// # Errors
+    /// Those of `path`.
+    pub fn map_files<E>(&mut self, mut path: impl FnMut(&Path) -> Result<PathBuf, E>) -> Result<(), E> {
+        self.file = path(&self.file)?;
+        for (_, value) in &mut self.values {
+            if let Some(mut picture) = PictureFile::of(value) {
+                picture.path = path(&picture.path)?;
+                *value = picture.to_string();
+            }
+        }
+        Ok(())
+    }
+
+    /// The pictures that it names.
+    pub fn pictures(&self) -> impl Iterator<Item = PictureFile> {
+        self.values.iter().filter_map(|(_, value)| PictureFile::of(value))
+    }
+}
+
+/// The shaders that a scene asks for.
+fn shaders_of(scene: &Scene) -> impl Iterator<Item = &SurfaceRequest> {
+    scene.surface_requests.iter().filter(|request| request.surface.ends_with(EXTENSION))
+}
+
+/// The pictures of the shaders that a scene asks for. Their paths lead from the scene's folder.
+pub fn pictures_of(scene: &Scene) -> impl Iterator<Item = PictureFile> {
+    shaders_of(scene).flat_map(|request| request.options.values()).filter_map(|value| PictureFile::of(value))
+}
+
+/// The files of the shaders that a scene asks for, and of their pictures. The paths lead from the scene's folder.
+pub fn files_of(scene: &Scene) -> impl Iterator<Item = PathBuf> {
+    let shaders = shaders_of(scene).map(|request| PathBuf::from(&request.surface));
+    shaders.chain(pictures_of(scene).map(|picture| picture.path))
+}
+
 /// A shader's file, its values, and the materials that have it.
 #[derive(Clone, Debug)]
 struct Applied {
@@ -67,8 +108,31 @@ struct Applied {
     /// Their numbers, and the surfaces that they have themselves.
     materials: Vec<(usize, Surface)>,
     values: Vec<(String, String)>,
-    /// When the file was last changed before it was read.
-    modified: Option<SystemTime>,
+    /// The file and those of its pictures, and when each was last changed before it was read.
+    modified: Vec<(PathBuf, Option<SystemTime>)>,
+}
+
+impl Applied {
+    fn new(surface: ShaderSurface, numbers: Vec<usize>, scene: &Scene) -> Self {
+        let pictures = surface.pictures().map(|picture| picture.path);
+        let files = std::iter::once(surface.file.clone()).chain(pictures);
+        let modified = files.map(|file| (modified(&file), file)).map(|(at, file)| (file, at)).collect();
+        let materials = numbers.into_iter().map(|number| (number, scene.materials[number].surface)).collect();
+        let ShaderSurface { material, file, values } = surface;
+        Self { file, material, materials, values, modified }
+    }
+
+    /// True if a file has changed since it was asked for the last time.
+    fn has_changed(&mut self) -> bool {
+        let mut has_changed = false;
+        for (file, at) in &mut self.modified {
+            let now = modified(file);
+            if now.is_some() && now != *at {
+                (*at, has_changed) = (now, true);
+            }
+        }
+        has_changed
+    }
 }
 
 /// The shaders of a scene, to be loaded again when their files change.
@@ -76,6 +140,7 @@ struct Applied {
 pub struct Shaders {
     all: Vec<Applied>,
     settings: Vec<Setting>,
+    options: LoadOptions,
 }
 
 impl Shaders {
@@ -88,26 +153,17 @@ impl Shaders {
     /// an error, which is told.
     pub fn changed(&mut self, scene: &Scene) -> Option<Scene> {
         let mut changed = None;
+        let mut loader = Loader::new(scene, &self.settings, &self.options);
         for shader in &mut self.all {
-            let now = modified(&shader.file);
-            if now.is_none() || now == shader.modified {
+            if !shader.has_changed() {
                 continue;
             }
-            shader.modified = now;
-            let Applied { file, material, materials, values, .. } = shader;
-            let mut used = vec![false; self.settings.len()];
-            match load(file, material, values, &self.settings, &mut used) {
-                Ok(shader) => {
-                    let mut new = changed.as_ref().unwrap_or(scene).clone();
-                    materials.iter().for_each(|&(number, own)| new.materials[number].surface = own);
-                    let numbers: Vec<usize> = materials.iter().map(|&(number, _)| number).collect();
-                    match new.give_surface(&numbers, shader) {
-                        Ok(()) => {
-                            changed = Some(new);
-                            log::info!("{}: loaded anew", file.display());
-                        }
-                        Err(error) => log::warn!("{error}\n{KEPT}"),
-                    }
+            let mut new = changed.as_ref().unwrap_or(scene).clone();
+            shader.materials.iter().for_each(|&(number, own)| new.materials[number].surface = own);
+            match loader.give(&mut new, shader) {
+                Ok(()) => {
+                    changed = Some(new);
+                    log::info!("{}: loaded anew", shader.file.display());
                 }
                 Err(error) => log::warn!("{error:#}\n{KEPT}"),
             }
@@ -121,79 +177,146 @@ fn modified(file: &Path) -> Option<SystemTime> {
 }
 
 /// Gives materials the surfaces that the scene and then `surfaces` ask for; `between` changes the scene between them.
-/// Returns the shaders, and the settings that none of them has.
+/// Returns the shaders, and the settings that none of them has. The options are those with which the scene was read.
 pub fn apply(
     scene: &mut Scene,
     scene_file: &Path,
     surfaces: &[ShaderSurface],
     settings: &[Setting],
+    options: &LoadOptions,
     between: impl FnOnce(&mut Scene) -> Result<()>,
 ) -> Result<(Shaders, Vec<Setting>)> {
     let mut all = Vec::new();
-    let mut used = vec![false; settings.len()];
+    let mut loader = Loader::new(scene, settings, options);
     let requests = std::mem::take(&mut scene.surface_requests);
     let (shaders, others) = requests.into_iter().partition(|request| request.surface.ends_with(EXTENSION));
     scene.surface_requests = others;
-    let shaders: Vec<crate::scene::SurfaceRequest> = shaders;
+    let shaders: Vec<SurfaceRequest> = shaders;
     for request in shaders {
-        let material = request.material as usize;
-        let name = scene.materials[material].name.clone();
-        if surfaces.iter().any(|surface| scene.materials_named(&surface.material).contains(&material)) {
+        let number = request.material as usize;
+        let material = scene.materials[number].name.clone();
+        if surfaces.iter().any(|surface| scene.materials_named(&surface.material).contains(&number)) {
             continue;
         }
-        let file = scene_file.parent().unwrap_or(Path::new("")).join(&request.surface);
-        let is_regular = std::fs::metadata(&file).map_or(true, |found| found.is_file());
-        ensure!(is_regular, "{}: a scene may name regular files only", file.display());
-        let values = request.options.into_iter().collect::<Vec<_>>();
-        let modified = modified(&file);
-        let shader = load(&file, &name, &values, settings, &mut used)
-            .with_context(|| format!("the shader of material {name:?}"))?;
-        let materials = vec![(material, scene.materials[material].surface)];
-        scene
-            .give_surface(&[material], shader)
-            .with_context(|| format!("the shader of material {name:?}: {}", file.display()))?;
-        all.push(Applied { file, material: name, materials, values, modified });
+        let values = request.options.into_iter().collect();
+        let mut surface = ShaderSurface { material, file: request.surface.into(), values };
+        let beside = |file: &Path| Ok(scene_file.parent().unwrap_or(Path::new("")).join(file));
+        surface.map_files::<anyhow::Error>(beside)?;
+        let is_regular = std::fs::metadata(&surface.file).map_or(true, |found| found.is_file());
+        ensure!(is_regular, "{}: a scene may name regular files only", surface.file.display());
+        let shader = Applied::new(surface, vec![number], scene);
+        let told = || format!("the shader of material {:?}: {}", shader.material, shader.file.display());
+        loader.give(scene, &shader).with_context(told)?;
+        all.push(shader);
     }
     between(scene)?;
-    for ShaderSurface { material, file, values } in surfaces {
-        let modified = modified(file);
-        let shader = load(file, material, values, settings, &mut used)?;
-        let named = scene.materials_named(material).into_iter();
-        let materials = named.map(|number| (number, scene.materials[number].surface)).collect();
-        scene
-            .replace_surface(material, shader)
-            .with_context(|| format!("--surface {material}={}", file.display()))?;
-        let (file, material, values) = (file.clone(), material.clone(), values.clone());
-        all.push(Applied { file, material, materials, values, modified });
+    for surface in surfaces {
+        let told = || format!("--surface {}={}", surface.material, surface.file.display());
+        let numbers = scene.materials_named(&surface.material);
+        if numbers.is_empty() {
+            return Err(scene.no_such_material(&surface.material)).with_context(told);
+        }
+        let shader = Applied::new(surface.clone(), numbers, scene);
+        loader.give(scene, &shader).with_context(told)?;
+        all.push(shader);
     }
-    let unused = settings.iter().zip(used).filter(|(_, used)| !used);
+    let unused = settings.iter().zip(loader.used).filter(|(_, used)| !used);
     let unused = unused.map(|(setting, _)| setting.clone()).collect();
-    Ok((Shaders { all, settings: settings.to_vec() }, unused))
+    Ok((Shaders { all, settings: settings.to_vec(), options: options.clone() }, unused))
 }
 
-/// Loads a shader with values and with the settings that are meant for it.
-fn load(
-    file: &Path,
-    material: &str,
-    values: &[(String, String)],
-    settings: &[Setting],
-    used: &mut [bool],
-) -> Result<SurfaceShader> {
-    let text = read(file)?;
-    let shown = file.display().to_string();
-    // What the parameters are called is known only now.
-    let plain = SurfaceShader::parameters_of(&shown, &text)?;
-    let stem = file.file_stem().map(|stem| stem.to_string_lossy()).unwrap_or_default();
-    let mut all: Vec<(&str, &str)> = values.iter().map(|(name, value)| (&**name, &**value)).collect();
-    for (setting, used) in settings.iter().zip(used) {
-        let Setting { plugin, key, value } = setting;
-        let is_meant = plugin.as_deref().is_none_or(|plugin| plugin == material || plugin == stem);
-        if is_meant && plain.iter().any(|parameter| parameter.name == *key) {
-            *used = true;
-            all.push((key, value));
+/// What loads shaders with their values, settings and pictures.
+struct Loader<'a> {
+    settings: &'a [Setting],
+    /// For each setting, true if a shader has it.
+    used: Vec<bool>,
+    options: &'a LoadOptions,
+    /// The pictures that have been read, and their bytes in all with those of the scene.
+    pictures: Vec<(PictureFile, BoundTexture)>,
+    held: u64,
+}
+
+impl<'a> Loader<'a> {
+    fn new(scene: &Scene, settings: &'a [Setting], options: &'a LoadOptions) -> Self {
+        let (used, held) = (vec![false; settings.len()], scene.bytes());
+        Self { settings, used, options, pictures: Vec::new(), held }
+    }
+
+    /// Gives materials a shader.
+    fn give(&mut self, scene: &mut Scene, shader: &Applied) -> Result<()> {
+        let text = read(&shader.file)?;
+        let shown = shader.file.display().to_string();
+        // What the parameters are called is known only now.
+        let parameters = SurfaceShader::parameters_of(&shown, &text)?;
+        let values = self.values(shader, &parameters)?;
+        for (number, materials) in alike(scene, shader, &parameters) {
+            let mut find = |value: &str| self.picture(scene, number, value);
+            let loaded = SurfaceShader::load_with_pictures(&shown, &text, &values, &mut find)?;
+            scene.give_surface(&materials, loaded)?;
+        }
+        Ok(())
+    }
+
+    /// The values of a shader, and the settings that are meant for it.
+    fn values<'s>(&mut self, shader: &'s Applied, parameters: &[Parameter]) -> Result<Vec<(&'s str, &'s str)>>
+    where
+        'a: 's,
+    {
+        let stem = shader.file.file_stem().map(|stem| stem.to_string_lossy()).unwrap_or_default();
+        let mut all: Vec<(&str, &str)> =
+            shader.values.iter().map(|(name, value)| (&**name, &**value)).collect();
+        for (setting, used) in self.settings.iter().zip(&mut self.used) {
+            let Setting { plugin, key, value } = setting;
+            let is_meant = plugin.as_deref().is_none_or(|plugin| plugin == shader.material || plugin == stem);
+            let Some(parameter) = parameters.iter().find(|parameter| parameter.name == *key) else {
+                continue;
+            };
+            if is_meant {
+                ensure!(
+                    !parameter.is_picture(),
+                    "--set {setting}: a picture is bound beside its shader: --surface \
+                     MATERIAL=FILE{EXTENSION},{key}=PICTURE, or in the scene"
+                );
+                *used = true;
+                all.push((key, value));
+            }
+        }
+        Ok(all)
+    }
+
+    /// The picture that a value names, on a material.
+    fn picture(&mut self, scene: &Scene, material: usize, value: &str) -> Result<BoundTexture, String> {
+        let Some(file) = PictureFile::of(value) else {
+            let found = scene.texture_of(material, value).map_err(|error| error.to_string())?;
+            return Ok(BoundTexture::of_scene(scene, found));
+        };
+        if let Some((_, picture)) = self.pictures.iter().find(|(other, _)| *other == file) {
+            return Ok(picture.clone());
+        }
+        let left = self.options.memory().bytes().saturating_sub(self.held);
+        let options = self.options.clone().with_memory(MemoryBudget::of_bytes(left));
+        let picture = file.load(&options).map_err(|error| error.to_string())?;
+        self.held += size_of_val(picture.texels()) as u64;
+        self.pictures.push((file, picture.clone()));
+        Ok(picture)
+    }
+}
+
+/// The materials of a shader in groups for which its pictures are the same, each with a material of the group.
+fn alike(scene: &Scene, shader: &Applied, parameters: &[Parameter]) -> Vec<(usize, Vec<usize>)> {
+    let is_picture = |name: &str| parameters.iter().any(|other| other.is_picture() && other.name == name);
+    let inputs =
+        shader.values.iter().filter(|(name, value)| is_picture(name) && PictureFile::of(value).is_none());
+    let inputs: Vec<&str> = inputs.map(|(_, value)| &**value).collect();
+    let mut groups: Vec<(Vec<Option<TextureRef>>, Vec<usize>)> = Vec::new();
+    for &(number, _) in &shader.materials {
+        let own: Vec<_> = inputs.iter().map(|input| scene.texture_of(number, input).ok()).collect();
+        match groups.iter_mut().find(|(other, _)| *other == own) {
+            Some((_, materials)) => materials.push(number),
+            None => groups.push((own, vec![number])),
         }
     }
-    Ok(SurfaceShader::load(&shown, &text, all)?)
+    groups.into_iter().map(|(_, materials)| (materials[0], materials)).collect()
 }
 
 /// Reads a shader file.

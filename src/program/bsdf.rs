@@ -9,7 +9,7 @@ use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::source::{ShaderError, SourceText};
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
-use crate::scene::{Points, Scattered, Scattering};
+use crate::scene::{BoundTexture, Points, Scattered, Scattering};
 use std::fmt;
 use std::sync::Arc;
 
@@ -211,5 +211,13 @@ impl Scattering for BsdfShader {
 
     fn transmits(&self) -> bool {
         self.transmits
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        self.evaluate.kernel.pictures()
+    }
+
+    fn reads_moment(&self) -> bool {
+        self.evaluate.inputs.read_moment() || self.sample.inputs.read_moment()
     }
 }

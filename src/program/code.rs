@@ -19,6 +19,10 @@ pub(super) enum Instruction {
     /// Asks the caller for something at the points of a mask: results mean nothing at others. `place` is the call's
     /// first byte in the text that was parsed.
     Host { function: HostFunction, mask: Register, operands: Range<u32>, results: Range<u32>, place: u32 },
+    /// Looks up a picture, by number, at all points: `operands` are the coordinates, the side of the square that is
+    /// averaged, and the barycentrics of the hit; `results` are red, green, blue and alpha. Both are ranges of
+    /// [`Code::lists`].
+    LookUp { picture: u32, operands: Range<u32>, results: Range<u32> },
     /// Copies from the register of `lists[columns]` that the index names at each point, the last one for greater
     /// indices.
     Element { columns: Range<u32>, index: Register, to: Register },
@@ -51,11 +55,19 @@ impl Code {
         &self.lists[range.start as usize..range.end as usize]
     }
 
+    /// True if it looks up pictures.
+    #[cfg(feature = "gpu")]
+    pub fn reads_pictures(&self) -> bool {
+        self.instructions.iter().any(|instruction| matches!(instruction, Instruction::LookUp { .. }))
+    }
+
     /// The registers that an instruction reads.
     pub fn reads(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { operation, operands, .. } => operands[..operation.operands()].to_vec(),
-            Instruction::Call { operands, .. } => self.list(operands).to_vec(),
+            Instruction::Call { operands, .. } | Instruction::LookUp { operands, .. } => {
+                self.list(operands).to_vec()
+            }
             Instruction::Host { mask, operands, .. } => {
                 [self.list(operands), std::slice::from_ref(mask)].concat()
             }
@@ -70,9 +82,9 @@ impl Code {
     pub fn writes(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
-            Instruction::Call { results, .. } | Instruction::Host { results, .. } => {
-                self.list(results).to_vec()
-            }
+            Instruction::Call { results, .. }
+            | Instruction::LookUp { results, .. }
+            | Instruction::Host { results, .. } => self.list(results).to_vec(),
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
         }
     }
@@ -177,7 +189,7 @@ impl Code {
                 Instruction::Skip { mask, .. }
                 | Instruction::Repeat { mask, .. }
                 | Instruction::Host { mask, .. } => named(mask),
-                Instruction::Call { .. } => {}
+                Instruction::Call { .. } | Instruction::LookUp { .. } => {}
             }
         }
         self.registers = count;

@@ -5,7 +5,7 @@ use super::operation::CHUNK;
 use super::run::{Columns, run_alone, run_alone_in};
 use super::source::{Fault, ShaderError, Source, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
-use crate::scene::{BASE, BlockColumns, FieldType, POINT_FIELDS, PointSink, SurfaceField};
+use crate::scene::{BASE, BlockColumns, BoundTexture, FieldType, POINT_FIELDS, PointSink, SurfaceField};
 use crate::stream::stop_job;
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -24,14 +24,21 @@ thread_local! {
 #[derive(Debug)]
 pub(super) struct Kernel {
     pub code: Arc<Code>,
+    /// Those that it looks up, by number.
+    pictures: Arc<[BoundTexture]>,
     /// Differs between all programs of a process, and from 0.
     number: u64,
 }
 
 impl Kernel {
-    pub fn new(code: Code) -> Self {
+    pub fn new(code: Code, pictures: Arc<[BoundTexture]>) -> Self {
         static NUMBERS: AtomicU64 = AtomicU64::new(1);
-        Self { code: Arc::new(code), number: NUMBERS.fetch_add(1, Relaxed) }
+        Self { code: Arc::new(code), pictures, number: NUMBERS.fetch_add(1, Relaxed) }
+    }
+
+    /// The pictures that it looks up, by number.
+    pub fn pictures(&self) -> &[BoundTexture] {
+        &self.pictures
     }
 
     /// Columns of `block` points, to be returned by [`Kernel::keep`].
@@ -55,7 +62,8 @@ impl Kernel {
 
     /// Runs the function at the first points, with this many lanes. Stops the job when a loop takes too many turns.
     pub fn run(&self, lanes: usize, text: &SourceText, columns: &Columns, points: usize) {
-        if let Err(endless) = run_alone(SimdLevel::of_lanes(lanes), &self.code, columns, points) {
+        let level = SimdLevel::of_lanes(lanes);
+        if let Err(endless) = run_alone(level, &self.code, &self.pictures, columns, points) {
             stop(text.endless_loop(endless));
         }
     }
@@ -63,7 +71,7 @@ impl Kernel {
     /// Runs the function at the points of one vector. Stops the job when a loop takes too many turns.
     #[inline(always)]
     pub fn run_vector<L: Lanes>(&self, l: L, text: &SourceText, columns: &Columns) {
-        if let Err(endless) = run_alone_in(l, &self.code, columns, L::LANES) {
+        if let Err(endless) = run_alone_in(l, &self.code, &self.pictures, columns, L::LANES) {
             stop(text.endless_loop(endless));
         }
     }
@@ -106,6 +114,14 @@ impl PointInputs {
     #[inline(always)]
     pub fn sink<'a>(&'a self, columns: &'a Columns, lanes: usize) -> impl PointSink {
         PointWriter { columns, inputs: self, lanes }
+    }
+}
+
+impl PointInputs {
+    /// True if the time or the frame is read.
+    pub fn read_moment(&self) -> bool {
+        let is_of_moment = |row: &SurfaceField| ["time", "frame"].contains(&row.name);
+        POINT_FIELDS.iter().enumerate().any(|(i, row)| is_of_moment(row) && self.wanted >> i & 1 == 1)
     }
 }
 

@@ -10,12 +10,17 @@ use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
 use super::token::{Declaration, declarations, tokens};
+use crate::scene::BoundTexture;
 use naga::{Block, Expression, Function, Handle, Literal, Span, Statement};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The function by which other renderers displace surfaces.
 const DISPLACE: &str = "displace";
+
+/// Finds the picture that a value names; the error is a part of a sentence.
+pub(super) type FindPicture<'f> = dyn FnMut(&str) -> Result<BoundTexture, String> + 'f;
 
 /// A valid file with values of its parameters.
 #[derive(Debug)]
@@ -25,6 +30,8 @@ pub(super) struct Loaded {
     pub overrides: BTreeMap<String, u32>,
     /// True if functions of the prelude become native.
     natives: bool,
+    /// The pictures that are bound, in the order of the file.
+    pictures: Arc<[BoundTexture]>,
 }
 
 impl Loaded {
@@ -52,7 +59,41 @@ impl Loaded {
         let source = Source::parse(file, text, prelude)?;
         let parameters = parameters(&source);
         let overrides = words(&parameters, values).map_err(|fault| source.error(&fault))?;
-        Ok(Self { source, parameters, overrides, natives })
+        Ok(Self { source, parameters, overrides, natives, pictures: Arc::default() })
+    }
+
+    /// The same with the pictures that values name.
+    ///
+    /// # Errors
+    /// When a picture has no value, or none can be found for it.
+    pub fn with_pictures(
+        mut self,
+        values: &[(&str, &str)],
+        find: &mut FindPicture<'_>,
+    ) -> Result<Self, ShaderError> {
+        let mut pictures = Vec::new();
+        for parameter in self.parameters.iter().filter(|parameter| parameter.is_picture()) {
+            let value = values.iter().rev().find(|(name, _)| *name == parameter.name);
+            let Some((name, value)) = value else { return Err(self.error(&unbound(parameter))) };
+            pictures.push(find(value).map_err(|reason| {
+                let message = format!("the picture `{name}` is {value:?}: {reason}");
+                self.error(&Fault::new(parameter.span, message, BINDINGS))
+            })?);
+        }
+        self.pictures = pictures.into();
+        Ok(self)
+    }
+
+    /// The pictures, in the order of the file.
+    ///
+    /// # Errors
+    /// When one is not bound.
+    pub fn pictures(&self) -> Result<Arc<[BoundTexture]>, ShaderError> {
+        let mut all = self.parameters.iter().filter(|parameter| parameter.is_picture());
+        match all.nth(self.pictures.len()) {
+            Some(parameter) => Err(self.error(&unbound(parameter))),
+            None => Ok(Arc::clone(&self.pictures)),
+        }
     }
 
     /// Parses a file's text. Parameters without a default count as 1.
@@ -63,9 +104,12 @@ impl Loaded {
         Ok(Self::new(file, text, [], true)?.ones())
     }
 
-    /// Sets parameters without a default to 1.
+    /// Sets parameters without a default to 1, pictures to white.
     pub fn ones(mut self) -> Self {
-        let needed = self.parameters.iter().filter(|parameter| !parameter.has_default);
+        let pictures = self.parameters.iter().filter(|parameter| parameter.is_picture());
+        self.pictures = pictures.map(|_| BoundTexture::white()).collect();
+        let needed =
+            self.parameters.iter().filter(|parameter| !parameter.has_default && !parameter.is_picture());
         let one = |kind: &str| match kind {
             "f32" => 1.0f32.to_bits(),
             "bool" => u32::MAX,
@@ -94,7 +138,7 @@ impl Loaded {
     pub fn chain(&self, first: &Signature, second: &Signature) -> Result<Kernel, ShaderError> {
         let find = |signature: &Signature| signature.find(&self.source);
         let code = find(first).and_then(|first| lower_chain(self.input(), &[first, find(second)?]));
-        Ok(Kernel::new(code.map_err(|fault| self.error(&fault))?))
+        Ok(Kernel::new(code.map_err(|fault| self.error(&fault))?, self.pictures()?))
     }
 
     /// Lowers a function and two that are called with its result and more arguments. They share the first of these.
@@ -142,9 +186,11 @@ impl Loaded {
         self.source.error(fault)
     }
 
-    /// Hash of the source, the prelude and the parameters.
+    /// Hash of the source, the prelude, the parameters and the pictures.
     pub fn hash(&self) -> u64 {
-        xxh3_64(format!("{}\0{:?}", self.source.text.parsed(), self.overrides).as_bytes())
+        let mut all = format!("{}\0{:?}", self.source.text.parsed(), self.overrides);
+        self.pictures.iter().for_each(|picture| all += &format!("\0{:016x}", picture.hash()));
+        xxh3_64(all.as_bytes())
     }
 
     /// A number or a truth value (1 or 0) that the file defines as a constant, and where.
@@ -168,6 +214,17 @@ impl Loaded {
         };
         Some((number, module.constants.get_span(handle)))
     }
+}
+
+/// What a picture may be bound to.
+const BINDINGS: &str = "bind a file, `NAME=FILE.png`, or a texture of the material, `NAME=base-colour`";
+
+/// The fault of a picture that is not bound.
+fn unbound(parameter: &Parameter) -> Fault {
+    let name = &parameter.name;
+    let remedy =
+        format!("bind a file, `{name}=FILE.png`, or a texture of the material, `{name}=base-colour`");
+    Fault::new(parameter.span, format!("the picture `{name}` is not bound"), remedy)
 }
 
 /// True if statements call a function.

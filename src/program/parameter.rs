@@ -1,26 +1,46 @@
-//! Parameters of shaders: `override`s, and the members of `var<private> params: Params`.
+//! Parameters of shaders: `override`s, the members of `var<private> params: Params`, and pictures.
 
 use super::source::{Fault, Source};
 use super::translation::UNFOLDED;
-use naga::{Scalar, ScalarKind, Span, TypeInner};
+use naga::{
+    AddressSpace, GlobalVariable, ImageClass, ImageDimension, Module, Scalar, ScalarKind, Span, TypeInner,
+};
 use std::collections::BTreeMap;
 
 /// The type and the variable of parameters of more than one number.
 pub(super) const STRUCT: &str = "Params";
 pub(super) const VARIABLE: &str = "params";
 
-/// A parameter of a shader: an `override` of its file, or a member of `struct Params` in `var<private> params: Params`.
+/// The type of a picture.
+pub(super) const PICTURE: &str = "texture_2d<f32>";
+
+/// A parameter of a shader: an `override` of its file, a member of `struct Params` in `var<private> params: Params`, or
+/// a picture, `var name: texture_2d<f32>`.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Parameter {
     /// Name.
     pub name: String,
-    /// `f32`, `i32`, `u32`, `bool`, or `vec2f`, `vec3f`, `vec4f`.
+    /// `f32`, `i32`, `u32`, `bool`, `vec2f`, `vec3f`, `vec4f`, or `texture_2d<f32>`.
     pub kind: &'static str,
     /// True if it has a default, so that it need not be set.
     pub has_default: bool,
     /// Place of its definition.
     pub(super) span: Span,
+}
+
+impl Parameter {
+    /// True if it is a picture.
+    pub fn is_picture(&self) -> bool {
+        self.kind == PICTURE
+    }
+}
+
+/// True if a variable of a module is a picture.
+pub(super) fn is_picture(module: &Module, variable: &GlobalVariable) -> bool {
+    let class = ImageClass::Sampled { kind: ScalarKind::Float, multi: false };
+    let inner = TypeInner::Image { dim: ImageDimension::D2, arrayed: false, class };
+    variable.space == AddressSpace::Handle && module.types[variable.ty].inner == inner
 }
 
 fn kind(inner: &TypeInner) -> Option<&'static str> {
@@ -53,6 +73,12 @@ pub(super) fn parameters(source: &Source) -> Vec<Parameter> {
         all.push(Parameter { name, kind, has_default, span });
     }
     for (handle, global) in module.global_variables.iter() {
+        if is_picture(module, global) {
+            let name = source.text.own_name(global.name.as_deref().unwrap_or_default()).to_owned();
+            let span = module.global_variables.get_span(handle);
+            all.push(Parameter { name, kind: PICTURE, has_default: false, span });
+            continue;
+        }
         let ty = &module.types[global.ty];
         let TypeInner::Struct { members, .. } = &ty.inner else { continue };
         if global.name.as_deref() != Some(VARIABLE) || ty.name.as_deref() != Some(STRUCT) {
@@ -69,7 +95,8 @@ pub(super) fn parameters(source: &Source) -> Vec<Parameter> {
     all
 }
 
-/// The words of parameters that are set: `name` of a number, `name.0`, `name.1`, .. of a vector's numbers.
+/// The words of parameters that are set: `name` of a number, `name.0`, `name.1`, .. of a vector's numbers. Pictures
+/// have none.
 ///
 /// # Errors
 /// When there is no such parameter, or its value is none of its kind.
@@ -82,6 +109,9 @@ pub(super) fn words<'a>(
         let Some(parameter) = parameters.iter().find(|parameter| parameter.name == name) else {
             return Err(unknown(parameters, name, value));
         };
+        if parameter.is_picture() {
+            continue;
+        }
         let told = |remedy: &str| {
             Fault::new(
                 parameter.span,

@@ -5,6 +5,7 @@ use super::integrator::{Host, HostCall};
 use super::native::Native;
 use super::operation::{CHUNK, Operand};
 use crate::lanes::{LaneTask, Lanes, Num, OutlinedTask, SimdLevel, each, for_pairs, for_pairs_mut};
+use crate::scene::BoundTexture;
 use std::cell::Cell;
 
 /// The points of a block, as `raystream bench shaders` finds best: a program's columns then fit the nearest cache, and
@@ -106,14 +107,16 @@ impl Columns {
 pub(super) fn run_alone(
     level: SimdLevel,
     code: &Code,
+    pictures: &[BoundTexture],
     columns: &Columns,
     points: usize,
 ) -> Result<(), Endless> {
-    level.run(Alone { code, columns, points })
+    level.run(Alone { code, pictures, columns, points })
 }
 
 struct Alone<'a> {
     code: &'a Code,
+    pictures: &'a [BoundTexture],
     columns: &'a Columns,
     points: usize,
 }
@@ -123,12 +126,12 @@ impl LaneTask for Alone<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
-        run_alone_in(l, self.code, self.columns, self.points)
+        run_alone_in(l, self.code, self.pictures, self.columns, self.points)
     }
 }
 
-/// Runs a program that calls no host functions at the first points of a block: the least multiple of [`CHUNK`] that is
-/// not below `points`.
+/// Runs a program that calls no host functions and looks up these pictures at the first points of a block: the least
+/// multiple of [`CHUNK`] that is not below `points`.
 ///
 /// # Errors
 /// When a loop takes too many turns.
@@ -136,14 +139,15 @@ impl LaneTask for Alone<'_> {
 pub(super) fn run_alone_in<L: Lanes>(
     l: L,
     code: &Code,
+    pictures: &[BoundTexture],
     columns: &Columns,
     points: usize,
 ) -> Result<(), Endless> {
     let points = points.next_multiple_of(CHUNK).min(columns.block);
     let (at, spent) = (&mut 0, &mut 0);
     let call = match columns.block == CHUNK {
-        true => l.outlined(UntilHost::<true> { code, columns, points, at, spent })?,
-        false => l.outlined(UntilHost::<false> { code, columns, points, at, spent })?,
+        true => l.outlined(UntilHost::<true> { code, pictures, columns, points, at, spent })?,
+        false => l.outlined(UntilHost::<false> { code, pictures, columns, points, at, spent })?,
     };
     match call {
         None => Ok(()),
@@ -151,7 +155,7 @@ pub(super) fn run_alone_in<L: Lanes>(
     }
 }
 
-/// [`run_alone_in`] for programs that call functions of a host.
+/// [`run_alone_in`] for programs that call functions of a host and look up no pictures.
 ///
 /// # Errors
 /// When a loop takes too many turns.
@@ -166,7 +170,8 @@ pub(super) fn run<L: Lanes>(
     let points = points.next_multiple_of(CHUNK).min(columns.block);
     let (mut at, mut spent) = (0, 0);
     loop {
-        let until_host = UntilHost::<false> { code, columns, points, at: &mut at, spent: &mut spent };
+        let (at, spent) = (&mut at, &mut spent);
+        let until_host = UntilHost::<false> { code, pictures: &[], columns, points, at, spent };
         let Some(call) = l.outlined(until_host)? else { return Ok(()) };
         host.call(l, &call);
     }
@@ -179,6 +184,7 @@ pub(super) fn run<L: Lanes>(
 /// chunks is left. Of few points most of the time goes there.
 struct UntilHost<'a, const CHUNK_ALONE: bool> {
     code: &'a Code,
+    pictures: &'a [BoundTexture],
     columns: &'a Columns,
     points: usize,
     /// The next instruction.
@@ -192,7 +198,7 @@ impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CH
 
     #[inline(always)]
     fn run(self, l: L) -> Self::Output {
-        let Self { code, columns, points, at: at_next, spent } = self;
+        let Self { code, pictures, columns, points, at: at_next, spent } = self;
         let points = if CHUNK_ALONE { CHUNK } else { points };
         let mut at = *at_next;
         while let Some(instruction) = code.instructions.get(at) {
@@ -204,6 +210,10 @@ impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CH
                 }
                 Instruction::Call { native, operands, results } => {
                     call(l, *native, columns, code.list(operands), code.list(results), points);
+                }
+                Instruction::LookUp { picture, operands, results } => {
+                    let picture = &pictures[*picture as usize];
+                    look_up(l, picture, columns, code.list(operands), code.list(results), points);
                 }
                 Instruction::Host { function, mask, operands, results, place } => {
                     let (operands, results) = (code.list(operands), code.list(results));
@@ -257,20 +267,54 @@ fn call<L: Lanes>(
     points: usize,
 ) {
     for start in (0..points).step_by(L::LANES) {
-        let mut numbers = [Num::zero(l); 3];
-        for (place, number) in numbers.iter_mut().enumerate().take(operands.len()) {
-            let mut words = L::array(0.0f32);
-            let operand = columns.operand(operands[place], points);
-            let cells = operand.some(start, L::LANES);
-            for_pairs_mut(words.as_mut(), cells, |word, cell| *word = f32::from_bits(cell.get()));
-            *number = Num::from_array(l, &words);
-        }
-        for (result, &to) in native.of(numbers).iter().zip(to) {
-            let (result, to) = (result.to_array(), columns.column(to, points));
-            for_pairs(&to[start..start + L::LANES], result.as_ref(), |cell, number| {
-                cell.set(number.to_bits());
-            });
-        }
+        let numbers = numbers_at::<L, 3>(l, columns, operands, start, points);
+        write_at(columns, &native.of(numbers), to, start, points);
+    }
+}
+
+#[inline(always)]
+fn look_up<L: Lanes>(
+    l: L,
+    picture: &BoundTexture,
+    columns: &Columns,
+    operands: &[Register],
+    to: &[Register],
+    points: usize,
+) {
+    for start in (0..points).step_by(L::LANES) {
+        let [u, v, width, second, third] = numbers_at::<L, 5>(l, columns, operands, start, points);
+        write_at(columns, &picture.look_up([u, v], width, [second, third]), to, start, points);
+    }
+}
+
+/// The numbers of registers at the points of a vector; zeros beyond the last register.
+#[inline(always)]
+fn numbers_at<L: Lanes, const N: usize>(
+    l: L,
+    columns: &Columns,
+    operands: &[Register],
+    start: usize,
+    points: usize,
+) -> [Num<L>; N] {
+    let mut numbers = [Num::zero(l); N];
+    for (place, number) in numbers.iter_mut().enumerate().take(operands.len()) {
+        let mut words = L::array(0.0f32);
+        let operand = columns.operand(operands[place], points);
+        let cells = operand.some(start, L::LANES);
+        for_pairs_mut(words.as_mut(), cells, |word, cell| *word = f32::from_bits(cell.get()));
+        *number = Num::from_array(l, &words);
+    }
+    numbers
+}
+
+/// Writes numbers to registers at the points of a vector.
+#[inline(always)]
+fn write_at<L: Lanes>(columns: &Columns, numbers: &[Num<L>], to: &[Register], start: usize, points: usize) {
+    for (result, &to) in numbers.iter().zip(to) {
+        let (result, to) = (result.to_array(), columns.column(to, points));
+        for_pairs(&to[start..start + L::LANES], result.as_ref(), |cell, number| {
+            cell.set(number.to_bits());
+        });
     }
 }
 

@@ -6,7 +6,7 @@ use super::loaded::Loaded;
 use super::parameter::Parameter;
 use super::source::ShaderError;
 use super::surface::PatternShader;
-use crate::scene::{CodedSurface, ProceduralSurface, ScatteringSurface};
+use crate::scene::{BoundTexture, CodedSurface, ProceduralSurface, ScatteringSurface};
 
 /// A shader of a surface: a pattern, or a BSDF if the file defines `evaluate` or `sample`.
 #[derive(Debug)]
@@ -33,7 +33,50 @@ impl SurfaceShader {
         Self::of(Loaded::new(file, text, values, true)?)
     }
 
-    /// Loads a shader to see whether it can be loaded. Parameters without a default count as 1.
+    /// [`SurfaceShader::load`] of a shader with pictures. `find` is given the value of each and returns the texture
+    /// that it names, or says why there is none.
+    ///
+    /// ```
+    /// use raystream::program::SurfaceShader;
+    /// use raystream::scene::{BoundTexture, ColourSpace, Texture, Wrap};
+    ///
+    /// let red = Texture {
+    ///     name: "red".into(),
+    ///     width: 1,
+    ///     height: 1,
+    ///     texels: [[255, 0, 0, 255]].into(),
+    ///     space: ColourSpace::Srgb,
+    ///     wrap_u: Wrap::Repeat,
+    ///     wrap_v: Wrap::Repeat,
+    ///     mipmap: Default::default(),
+    /// };
+    /// let text = "var paint: texture_2d<f32>;
+    ///     fn pattern(at: Point) -> Finish {
+    ///         var finish = matte(at);
+    ///         finish.colour = image(paint, at.uv).rgb;
+    ///         return finish;
+    ///     }";
+    /// let mut find = |_: &str| Ok(BoundTexture::new(red.clone()));
+    /// SurfaceShader::load_with_pictures("paint.wgsl", text, &[("paint", "red")], &mut find)?;
+    /// let error = SurfaceShader::load("paint.wgsl", text, []).unwrap_err();
+    /// assert_eq!(error.message, "the picture `paint` is not bound");
+    /// # Ok::<(), raystream::program::ShaderError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`SurfaceShader::load`], and when a picture is not bound or cannot be found.
+    pub fn load_with_pictures(
+        file: &str,
+        text: &str,
+        values: &[(&str, &str)],
+        find: &mut dyn FnMut(&str) -> Result<BoundTexture, String>,
+    ) -> Result<Self, ShaderError> {
+        check_kind(file, text)?;
+        let loaded = Loaded::new(file, text, values.iter().copied(), true)?;
+        Self::of(loaded.with_pictures(values, find)?)
+    }
+
+    /// Loads a shader to see whether it can be loaded. Parameters without a default count as 1, pictures as white.
     ///
     /// # Errors
     /// Those of [`SurfaceShader::load`].

@@ -223,9 +223,9 @@ impl Source {
                 return refused(&text, diagnosis::of_parse_error(&found, text.translated(), prelude));
             }
         };
-        match Validator::new(ValidationFlags::all(), Capabilities::SHADER_FLOAT16_IN_FLOAT32)
-            .validate(&module)
-        {
+        // Pictures are bound by name.
+        let checks = ValidationFlags::all() - ValidationFlags::BINDINGS;
+        match Validator::new(checks, Capabilities::SHADER_FLOAT16_IN_FLOAT32).validate(&module) {
             Ok(info) => Ok(Self { text: Arc::new(text), module, info }),
             Err(found) => refused(&text, diagnosis::of_invalid_module(&found, &module)),
         }

@@ -11,8 +11,8 @@ use super::run::{BLOCK, Columns};
 use super::source::{Fault, ShaderError, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
-    BlockColumns, BlockSurface, Effects, FINISH_FIELDS, Finish, FinishSource, OwnSurface, POINT_FIELDS,
-    Points, Procedural, ProceduralSurface, Transmission,
+    BlockColumns, BlockSurface, BoundTexture, Effects, FINISH_FIELDS, Finish, FinishSource, OwnSurface,
+    POINT_FIELDS, Points, Procedural, ProceduralSurface, Transmission,
 };
 use naga::Span;
 use std::fmt;
@@ -106,6 +106,20 @@ impl PatternShader {
         Self::of(Loaded::new(file, text, values, natives)?)
     }
 
+    /// [`PatternShader::load`] of a pattern with pictures: see [`super::SurfaceShader::load_with_pictures`].
+    ///
+    /// # Errors
+    /// Those of [`PatternShader::load`], and when a picture is not bound or cannot be found.
+    pub fn load_with_pictures(
+        file: &str,
+        text: &str,
+        values: &[(&str, &str)],
+        find: &mut dyn FnMut(&str) -> Result<BoundTexture, String>,
+    ) -> Result<Self, ShaderError> {
+        let loaded = Loaded::new(file, text, values.iter().copied(), true)?;
+        Self::of(loaded.with_pictures(values, find)?)
+    }
+
     pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
         loaded.refuse_displacement()?;
         Self::lowered(&Arc::new(loaded), None)
@@ -118,7 +132,7 @@ impl PatternShader {
         let base = words.as_ref().map_or(Base::Unknown, |words| Base::Of(words));
         let Lowered { code, outputs, asks_base, .. } = loaded.lower(&PATTERN, base)?;
         let effects = effects(loaded, &outputs, own).map_err(|fault| loaded.error(&fault))?;
-        let kernel = Kernel::new(code);
+        let kernel = Kernel::new(code, loaded.pictures()?);
         let computes = kernel.code.instructions.len() >= MIN_IN_BLOCKS;
         Ok(Self {
             text: Arc::clone(&loaded.source.text),
@@ -178,6 +192,14 @@ impl Procedural for PatternShader {
 
     fn starts_from_material(&self) -> bool {
         self.over.is_some()
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        self.kernel.pictures()
+    }
+
+    fn reads_moment(&self) -> bool {
+        self.inputs.read_moment()
     }
 
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {

@@ -228,7 +228,7 @@ impl Scene {
     }
 
     /// The surface that a material has itself, below one of user code that starts from it.
-    fn own_surface(&self, material: &Material) -> Option<OwnSurface> {
+    pub(super) fn own_surface(&self, material: &Material) -> Option<OwnSurface> {
         match material.surface {
             Surface::Procedural(index) => self.procedurals.get(index as usize)?.own().cloned(),
             _ => OwnSurface::of(material),

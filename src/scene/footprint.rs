@@ -35,11 +35,17 @@ impl<L: Lanes> Footprint<L> {
         let image = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
         let stretch = (1.0 / (cosine.abs() * FREE_STRETCH)).clamp(1.0, f32::MAX);
         let share = image / twice_area * stretch;
+        Self::of_width(width * share.sqrt(), hit)
+    }
+
+    /// The footprints of squares of this side at hits of barycentrics `hit`.
+    #[inline(always)]
+    pub(crate) fn of_width(width: Num<L>, hit: [Num<L>; 2]) -> Self {
         // A hash of the hit, so that each hit has its own number, the same on all units and thread counts.
         let bits = (hit[0].to_bits() * 0x9e37_79b9) ^ (hit[1].to_bits() * 0x85eb_ca6b);
         let bits = (bits ^ (bits >> 15)) * 0x7feb_352d;
         let dither = ((bits ^ (bits >> 16)) >> 8).to_num() * (1.0 / (1 << 24) as f32);
-        Self { width: width * share.sqrt(), dither, ..Self::point(width.lanes()) }
+        Self { width, dither, ..Self::point(width.lanes()) }
     }
 
     /// True to choose the second of two neighbours, across and down. `seconds` are the weights of the second

@@ -2,6 +2,7 @@
 //! scenes from files. This module knows neither streams nor the BVH.
 
 mod block;
+mod bound_texture;
 mod camera;
 mod camera_motion;
 mod camera_path;
@@ -35,8 +36,10 @@ mod mesh_size;
 mod mip_weights;
 mod mipmap;
 mod mix;
+mod moment;
 mod named_camera;
 mod object;
+mod object_bounds;
 mod own_surface;
 mod points;
 mod principled;
@@ -54,6 +57,7 @@ mod texture_point;
 mod validate;
 
 pub use block::{BlockColumns, BlockFinishes, BlockSurface};
+pub use bound_texture::{BoundTexture, NoTexture, TEXTURED_INPUTS};
 pub(crate) use camera::Pinhole;
 pub use camera::{
     Aperture, Camera, CameraError, Distortion, FULL_FRAME_HEIGHT, Intrinsics, Lens, LensRays, Projection,
@@ -85,6 +89,7 @@ pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
+pub use moment::Moment;
 pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
 pub use own_surface::OwnSurface;
@@ -160,6 +165,10 @@ pub struct Scene {
     pub variants: Vec<String>,
     /// The files that the scene's file names and the loader read or looked for: material libraries, buffers, textures.
     pub files: Vec<PathBuf>,
+    /// The moment that pictures show.
+    pub moment: Moment,
+    /// The boxes of the objects, found when first needed.
+    pub(crate) object_bounds: object_bounds::ObjectBounds,
 }
 
 impl Scene {
@@ -187,6 +196,9 @@ impl Scene {
     /// Bytes of triangles and textures, by far the largest parts.
     pub fn bytes(&self) -> u64 {
         let mut images: Vec<&[[u8; 4]]> = self.textures.iter().map(|texture| &*texture.texels).collect();
+        let of_patterns = self.procedurals.iter().flat_map(ProceduralSurface::textures);
+        let of_code = of_patterns.chain(self.scatterings.iter().flat_map(ScatteringSurface::textures));
+        images.extend(of_code.map(BoundTexture::texels));
         // Textures may share texels.
         images.sort_by_key(|image| image.as_ptr());
         images.dedup_by_key(|image| image.as_ptr());

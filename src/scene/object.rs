@@ -1,7 +1,7 @@
 //! The object table: which triangles belong to which object of the scene file.
 
-use crate::lanes::{Int, Lanes, Vector};
-use glam::DMat4;
+use crate::lanes::{Int, Lanes, Num, Vector};
+use glam::{DMat4, Vec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -180,6 +180,16 @@ impl Objects {
         owner
     }
 
+    /// A point of the world in the own space of an object, to the bit that [`Objects::local_at`] gives.
+    pub(super) fn local(&self, object: u32, Vec3 { x, y, z }: Vec3) -> Vec3 {
+        let Some(space) = self.spaces.get(object as usize * SPACE..).and_then(|rest| rest.first_chunk())
+        else {
+            return Vec3::new(x, y, z);
+        };
+        let [a, b, c, d, e, f, g, h, i, j, k, l]: [f32; SPACE] = *space;
+        Vec3::new(a * x + b * y + c * z + d, e * x + f * y + g * z + h, i * x + j * y + k * z + l)
+    }
+
     /// Points of the world on triangles, one in each lane, in the own space of the triangle's object.
     #[inline(always)]
     pub fn local_at<L: Lanes>(&self, primitive: Int<L>, position: Vector<L>) -> Vector<L> {
@@ -190,6 +200,18 @@ impl Objects {
         let local =
             Vector::new(a * x + b * y + c * z + d, e * x + f * y + g * z + h, i * x + j * y + k * z + l);
         Vector::select(object.is(Self::NONE), position, local)
+    }
+
+    /// Length in the own space of the objects of triangles that a unit of the world has in the mean over directions,
+    /// one in each lane.
+    #[inline(always)]
+    pub fn scale_at<L: Lanes>(&self, primitive: Int<L>) -> Num<L> {
+        let one = Num::splat(primitive.lanes(), 1.0);
+        let Some(last) = (self.spaces.len() / SPACE).checked_sub(1) else { return one };
+        let object = self.at(primitive);
+        let [a, b, c, _, e, f, g, _, i, j, k, _] = object.at_most(last as u32).rows_of::<SPACE>(&self.spaces);
+        let squares = (a * a + b * b + c * c) + (e * e + f * f + g * g) + (i * i + j * j + k * k);
+        Num::select(object.is(Self::NONE), one, (squares * (1.0 / 3.0)).sqrt())
     }
 
     /// True if each object has its space, or none has one, and all numbers are finite.
@@ -218,7 +240,7 @@ impl Objects {
 mod tests {
     use super::*;
     use crate::lanes::{LaneTask, SimdLevel, SingleLane};
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     /// Objects 0, 1, 2, .. with these first triangles.
     fn table(starts: &[u32]) -> Objects {
@@ -295,6 +317,9 @@ mod tests {
             assert_eq!(local(primitive), Vec3::new(1.0, 4.0, 3.0), "the world");
         }
         assert!((local(3) - Vec3::X).length() < 1e-6, "{}", local(3));
+        let scale = |primitive: u32| objects.scale_at::<SingleLane>(primitive.into()).get();
+        assert_eq!([0, 4, 6].map(scale), [1.0; 3], "the world");
+        assert!((scale(3) - 0.5).abs() < 1e-6, "{}", scale(3));
         assert!(objects.has_sound_spaces());
         objects.spaces.pop();
         assert!(!objects.has_sound_spaces());

@@ -5,6 +5,7 @@ use super::erased_lanes::{LaneColumns, LaneValue};
 use super::{FieldType, Finish, Footprint, OwnSurface, Scene, SurfaceField, TexturePoint, TextureRef};
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector};
+use glam::Vec2;
 
 /// Sink of the scalars of points, one column each. Truth values are 1 and 0.
 pub(crate) trait PointSink {
@@ -149,6 +150,20 @@ points! {
             "Position in the object's own space: that of a glTF node, and of a recipe's shape about its centre. It \
              moves and turns with the object. Where there is none, position.",
             Points::object_position_here;
+        footprint1: F32 as Num<L>, "texture coordinates", "at least 0",
+            "Side of the square that the ray's cone covers in the second set of texture coordinates.",
+            Points::second_footprint_here;
+        object_width: F32 as Num<L>, "units of the object", "at least 0",
+            "Diameter of the ray's cone at the point in the object's own space.", Points::object_width_here;
+        object_bounds_min: Vec3f as Vector<L>, "units of the object", "finite",
+            "Least corner of the object's box in its own space. Where there is no object, that of the scene.",
+            Points::object_bounds_min_here;
+        object_bounds_max: Vec3f as Vector<L>, "units of the object", "finite", "Greatest corner of that box.",
+            Points::object_bounds_max_here;
+        time: F32 as Num<L>, "seconds", "finite",
+            "Time that the picture shows: that of the scene's animation, or of the frame.", Points::time_here;
+        frame: U32 as Int<L>, "index", "below the number of frames", "Frame; 0 in a single picture.",
+            Points::frame_here;
     }
 }
 
@@ -245,11 +260,16 @@ impl<L: Lanes> Points<'_, L> {
     /// The footprint that [`Points::texture`] uses for textures of the first set of texture coordinates.
     #[inline(always)]
     pub fn texture_footprint(&self) -> Footprint<L> {
-        let mesh = &self.scene.mesh;
-        if mesh.uvs.is_empty() {
+        self.footprint_in(&self.scene.mesh.uvs)
+    }
+
+    /// The footprint in a set of texture coordinates.
+    #[inline(always)]
+    fn footprint_in(&self, uvs: &[Vec2]) -> Footprint<L> {
+        if uvs.is_empty() {
             return Footprint::point(self.lanes());
         }
-        let uvs = corner_uvs(&mesh.uvs, &corners::indices(mesh, self.primitive));
+        let uvs = corner_uvs(uvs, &corners::indices(&self.scene.mesh, self.primitive));
         let cosine = self.wo.dot(self.geometric_normal);
         Footprint::of_cone(self.width, cosine, self.area * 2.0, &uvs, self.barycentric)
     }
@@ -305,6 +325,18 @@ impl<L: Lanes> Points<'_, L> {
     }
 
     #[inline(always)]
+    fn second_footprint_here(&self) -> Num<L> {
+        let mesh = &self.scene.mesh;
+        let second = mesh.uv_set(1);
+        self.footprint_in(if second.is_empty() { &mesh.uvs } else { second }).width
+    }
+
+    #[inline(always)]
+    fn object_width_here(&self) -> Num<L> {
+        self.width * self.scene.objects.scale_at(self.primitive)
+    }
+
+    #[inline(always)]
     fn vertex_colour_here(&self) -> Vector<L> {
         let [r, g, b, _] = self.texture_point().vertex_colour(&self.scene.mesh);
         Vector::new(r, g, b)
@@ -319,6 +351,26 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn object_here(&self) -> Int<L> {
         self.scene.objects.at(self.primitive)
+    }
+
+    #[inline(always)]
+    fn object_bounds_min_here(&self) -> Vector<L> {
+        self.scene.object_bounds_at(self.primitive)[0]
+    }
+
+    #[inline(always)]
+    fn object_bounds_max_here(&self) -> Vector<L> {
+        self.scene.object_bounds_at(self.primitive)[1]
+    }
+
+    #[inline(always)]
+    fn time_here(&self) -> Num<L> {
+        Num::splat(self.lanes(), self.scene.moment.seconds)
+    }
+
+    #[inline(always)]
+    fn frame_here(&self) -> Int<L> {
+        Int::splat(self.lanes(), self.scene.moment.frame)
     }
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
-use super::{BlockSurface, Effects, Finish, OwnSurface, Points, Scene};
+use super::{BlockSurface, BoundTexture, Effects, Finish, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, OutlinedTask};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -64,6 +64,17 @@ pub trait Procedural: Debug + Send + Sync + 'static {
         false
     }
 
+    /// True if the surface asks for the moment that a picture shows ([`Points::time`], [`Points::frame`]). Frames of an
+    /// animation then have scenes of their own; without it they may all show the same moment.
+    fn reads_moment(&self) -> bool {
+        false
+    }
+
+    /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
+    fn textures(&self) -> &[BoundTexture] {
+        &[]
+    }
+
     /// The surface as it is on a material of this surface, if that may cost less or have other effects.
     ///
     /// # Errors
@@ -109,6 +120,16 @@ impl ProceduralSurface {
     /// Calls [`Procedural::starts_from_material`].
     pub fn starts_from_material(&self) -> bool {
         self.surface.starts_from_material()
+    }
+
+    /// Calls [`Procedural::reads_moment`].
+    pub fn reads_moment(&self) -> bool {
+        self.surface.reads_moment()
+    }
+
+    /// Calls [`Procedural::textures`].
+    pub fn textures(&self) -> &[BoundTexture] {
+        self.surface.textures()
     }
 
     /// The surface on a material of this surface.
@@ -171,6 +192,8 @@ type Surroundings<'a> = (&'a Scene, Option<&'a OwnSurface>);
 trait ErasedLanes: Debug + Send + Sync {
     fn finish(&self, lanes: usize, scene: Surroundings<'_>, points: &PointColumns) -> FinishColumns;
     fn starts_from_material(&self) -> bool;
+    fn reads_moment(&self) -> bool;
+    fn textures(&self) -> &[BoundTexture];
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String>;
     fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
@@ -182,6 +205,14 @@ impl<P: Procedural> ErasedLanes for P {
 
     fn starts_from_material(&self) -> bool {
         Procedural::starts_from_material(self)
+    }
+
+    fn reads_moment(&self) -> bool {
+        Procedural::reads_moment(self)
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        Procedural::textures(self)
     }
 
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {

@@ -2,7 +2,7 @@
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use super::points::PointColumns;
-use super::{Points, Scene};
+use super::{BoundTexture, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -62,6 +62,16 @@ pub trait Scattering: Debug + Send + Sync + 'static {
 
     /// True if the surface transmits light from below, from directions with `wi.z < 0`.
     fn transmits(&self) -> bool {
+        false
+    }
+
+    /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
+    fn textures(&self) -> &[BoundTexture] {
+        &[]
+    }
+
+    /// True if the surface asks for the moment that a picture shows: see [`super::Procedural::reads_moment`].
+    fn reads_moment(&self) -> bool {
         false
     }
 }
@@ -138,6 +148,16 @@ impl ScatteringSurface {
     pub fn transmits(&self) -> bool {
         self.0.transmits()
     }
+
+    /// Calls [`Scattering::textures`].
+    pub fn textures(&self) -> &[BoundTexture] {
+        self.0.textures()
+    }
+
+    /// Calls [`Scattering::reads_moment`].
+    pub fn reads_moment(&self) -> bool {
+        self.0.reads_moment()
+    }
 }
 
 /// [`Scattering`] over arrays instead of lanes.
@@ -145,6 +165,8 @@ trait ErasedLanes: Debug + Send + Sync {
     fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
     fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
+    fn reads_moment(&self) -> bool;
+    fn textures(&self) -> &[BoundTexture];
 }
 
 /// Points of a scene.
@@ -172,6 +194,14 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn transmits(&self) -> bool {
         Scattering::transmits(self)
+    }
+
+    fn reads_moment(&self) -> bool {
+        Scattering::reads_moment(self)
+    }
+
+    fn textures(&self) -> &[BoundTexture] {
+        Scattering::textures(self)
     }
 }
 

@@ -80,6 +80,9 @@ fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     scalars.extend([at.vertex_alpha().to_bits(), at.object()]);
     scalars.extend(at.uv1().map(Num::to_bits));
     scalars.extend(vector(at.object_position()));
+    scalars.extend([at.footprint1(), at.object_width()].map(Num::to_bits));
+    scalars.extend(vector(at.object_bounds_min()).into_iter().chain(vector(at.object_bounds_max())));
+    scalars.extend([at.time().to_bits(), at.frame()]);
     assert_eq!(scalars.len(), POINT_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
     scalars
 }

@@ -80,7 +80,11 @@ fn check(file: &Path, furnace: Option<&Path>) -> Result<Vec<String>> {
 /// Lists parameters.
 fn list(parameters: &[Parameter]) {
     for parameter in parameters {
-        let must = if parameter.has_default { "" } else { ", must be set" };
+        let must = match (parameter.has_default, parameter.is_picture()) {
+            (true, _) => "",
+            (false, true) => ", must be bound",
+            (false, false) => ", must be set",
+        };
         stdout_line!("  {}: {}{must}", parameter.name, parameter.kind);
     }
 }

@@ -68,7 +68,7 @@ spec_group! {
         /// Set an option of the integrator or of a surface (repeatable; `--help` lists them).
         list "set" set: form::Own<Setting>, "KEY=VALUE";
         /// Give the materials of a name a surface of a shader, with values of its parameters:
-        /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. Repeatable.
+        /// MATERIAL=FILE.wgsl[,NAME=VALUE..]. A picture's value is a file, or one of the material's own. Repeatable.
         list "surface" surface: form::Own<ShaderSurface>, "MATERIAL=FILE.wgsl";
         /// Change the materials of a name: base-colour (R,G,B, linear), roughness, metallic (0 to 1), emission (R,G,B);
         /// textures multiply the new values. Repeatable.
@@ -316,7 +316,7 @@ impl RenderSpec {
             self.optics.world_to_camera = Some(text(path("world-to-camera", file)?)?);
         }
         for surface in &mut self.surface {
-            surface.file = path("surface", &surface.file)?;
+            surface.map_files(|file| path("surface", file))?;
         }
         if let Some(scene) = &self.scene {
             self.scene = Some(path("scene", scene)?);

@@ -100,16 +100,16 @@ fn options_that_exclude_each_other_or_lack_another_are_refused_by_name() {
 fn files_are_found_and_moved() {
     let text = r#"{ "scene": "s.glb", "integrator": "i.wgsl", "env": "e.hdr", "camera-path": "c.json",
         "views": "v.json",
-        "world-to-camera": "w.txt", "surface": ["a=x.wgsl,b=1", "c=y.wgsl"] }"#;
+        "world-to-camera": "w.txt", "surface": ["a=x.wgsl,b=1,p=q.png,linear", "c=y.wgsl"] }"#;
     let spec = read(text).expect("a spec");
     let names = |spec: &RenderSpec| -> Vec<String> {
         spec.files().iter().map(|(_, file)| file.display().to_string()).collect()
     };
-    let all = ["i.wgsl", "e.hdr", "c.json", "v.json", "w.txt", "x.wgsl", "y.wgsl", "s.glb"];
+    let all = ["i.wgsl", "e.hdr", "c.json", "v.json", "w.txt", "x.wgsl", "q.png", "y.wgsl", "s.glb"];
     assert_eq!(names(&spec), all);
     let moved = spec.clone().within(Path::new("/f")).expect("UTF-8");
     assert_eq!(names(&moved), all.map(|name| format!("/f/{name}")));
-    assert_eq!(moved.surface[0].to_string(), "a=/f/x.wgsl,b=1");
+    assert_eq!(moved.surface[0].to_string(), "a=/f/x.wgsl,b=1,p=/f/q.png,linear");
     let plain =
         read(r#"{ "env": "1,1,1", "views": 3, "world-to-camera": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0] }"#);
     assert_eq!(names(&plain.expect("a spec")), [""; 0]);

@@ -32,7 +32,7 @@ impl Program {
                     cells.zip(words).for_each(|(cell, &word)| cell.set(word));
                 }
             }
-            let ran = run_alone(level, code, &columns, count);
+            let ran = run_alone(level, code, &[], &columns, count);
             ran.map_err(|endless| self.text.endless_loop(endless))?;
             for (column, &scalar) in results.chunks_mut(points).zip(&kernel.outputs) {
                 let from = columns.operand(code.outputs[scalar as usize], count);

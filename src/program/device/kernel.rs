@@ -86,7 +86,9 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
         .iter()
         .flat_map(|instruction| match instruction {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
-            Instruction::Call { results, .. } | Instruction::Host { results, .. } => {
+            Instruction::Call { results, .. }
+            | Instruction::LookUp { results, .. }
+            | Instruction::Host { results, .. } => {
                 code.lists[results.start as usize..results.end as usize].to_vec()
             }
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
@@ -312,6 +314,7 @@ impl<'c> Writer<'c> {
             }
             Instruction::Skip { .. } => {}
             Instruction::Host { function, .. } => unreachable!("`{}` in a surface", function.name()),
+            Instruction::LookUp { .. } => unreachable!("refused before"),
         }
     }
 }

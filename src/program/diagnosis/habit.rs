@@ -33,6 +33,9 @@ pub(super) fn wgsl_type(foreign: &str) -> Option<String> {
     }
 }
 
+/// What to write in place of textures.
+const PICTURE: &str = "write `image(picture, uv)`; a picture is `var picture: texture_2d<f32>;`";
+
 /// Functions and words of other languages, and what to write.
 const WORDS: [(&str, &str); 39] = [
     ("mod", "write `x - y * floor(x / y)`; `x % y` takes the sign of x"),
@@ -48,10 +51,10 @@ const WORDS: [(&str, &str); 39] = [
     ("ddy", "use `at.width` and `at.footprint`, the sizes of a pixel"),
     ("dFdx", "use `at.width` and `at.footprint`, the sizes of a pixel"),
     ("dFdy", "use `at.width` and `at.footprint`, the sizes of a pixel"),
-    ("texture", "shaders read no textures; pass numbers as `override`s"),
-    ("texture2D", "shaders read no textures; pass numbers as `override`s"),
-    ("tex2D", "shaders read no textures; pass numbers as `override`s"),
-    ("sampler2D", "shaders read no textures; pass numbers as `override`s"),
+    ("texture", PICTURE),
+    ("texture2D", PICTURE),
+    ("tex2D", PICTURE),
+    ("sampler2D", PICTURE),
     ("floatBitsToUint", "write `bitcast<u32>(x)`"),
     ("floatBitsToInt", "write `bitcast<i32>(x)`"),
     ("uintBitsToFloat", "write `bitcast<f32>(x)`"),

@@ -6,6 +6,7 @@ mod spelling;
 
 pub(super) use invalid::of_invalid_module;
 
+use super::parameter::PICTURE;
 use super::source::Fault;
 use super::token::{Token, tokens};
 use naga::front::wgsl::ParseError;
@@ -184,6 +185,9 @@ fn short(ty: &str) -> String {
 fn conversion(from: &str, to: &str) -> String {
     let is_vector = |ty: &str| ty.starts_with("vec");
     let is_number = |ty: &str| ["f32", "i32", "u32"].contains(&ty) || ty.starts_with("a ");
+    if from == PICTURE {
+        return "look it up: `image(picture, uv)` is its red, green, blue and alpha".into();
+    }
     if is_vector(to) && is_number(from) {
         return format!("write `{to}(x)`, a vector of one number");
     }
@@ -325,6 +329,7 @@ pub(super) fn type_name(module: &Module, inner: &TypeInner, name: Option<&str>) 
             let same = module.types.iter().find(|(_, ty)| ty.inner == *inner && ty.name.is_some());
             same.and_then(|(_, ty)| ty.name.clone()).unwrap_or_else(|| "a struct".into())
         }
+        TypeInner::Image { dim: naga::ImageDimension::D2, arrayed: false, .. } => PICTURE.into(),
         _ => "another type".into(),
     }
 }

@@ -37,6 +37,9 @@ pub enum GpuProgramError {
     /// The shader asks for the finish of its material, whose textures devices do not have.
     #[error("devices do not compute `base`, the finish of a material with its textures")]
     Base,
+    /// The shader looks up pictures, which devices do not have.
+    #[error("devices do not look up pictures")]
+    Pictures,
     /// An operation has other bits.
     #[error(
         "the device computes \"{operation}\" of {:#x}, {:#x}, {:#x} as {word:#x}, the host as {expected:#x}",
@@ -123,6 +126,9 @@ impl GpuProgram {
     }
 
     fn of(gpu: &Arc<Gpu>, program: Program) -> Result<Self, GpuProgramError> {
+        if program.code.reads_pictures() {
+            return Err(GpuProgramError::Pictures);
+        }
         let make = |flushes: bool| {
             let kernel = Kernel::new(&program, flushes).map_err(GpuProgramError::Kernel)?;
             Self::of_kernel(gpu, program.clone(), kernel, flushes)

@@ -100,7 +100,7 @@ impl Piece {
     /// # Errors
     /// When a loop takes too many turns.
     pub(super) fn run_alone(&self, columns: &Columns) -> Result<(), Endless> {
-        run_alone(SimdLevel::narrowest(), &self.code, columns, 1)
+        run_alone(SimdLevel::narrowest(), &self.code, &[], columns, 1)
     }
 
     /// The cells of a register from the first point on.

@@ -461,6 +461,7 @@ impl Walk<'_, '_> {
                 let (native, results) = (*native, self.results(old.list(results)));
                 self.code.instructions.push(Instruction::Call { native, operands, results });
             }
+            Instruction::LookUp { .. } => unreachable!("an integrator looks up no pictures"),
             Instruction::Element { columns, index, to } => {
                 let columns = self.list(old.list(columns));
                 let (index, to) = (self.operand(*index), *to);

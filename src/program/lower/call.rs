@@ -1,6 +1,7 @@
 //! Calls, which are inlined.
 
 use super::base::BASE;
+use super::picture;
 use super::scope::Scopes;
 use super::shape::unsupported;
 use super::{Frame, Lowerer, Scalar, Value};
@@ -9,7 +10,7 @@ use crate::program::integrator::HostFunction;
 use crate::program::native::Native;
 use crate::program::parameter;
 use crate::program::source::Fault;
-use naga::{AddressSpace, Expression, Function, Handle, TypeInner};
+use naga::{Expression, Function, Handle, TypeInner};
 use std::rc::Rc;
 
 impl Lowerer<'_> {
@@ -18,12 +19,8 @@ impl Lowerer<'_> {
         let module = self.input.module;
         for (handle, global) in module.global_variables.iter() {
             let span = module.global_variables.get_span(handle);
-            if global.space != AddressSpace::Private {
-                return Err(Fault::new(
-                    span,
-                    "programs have no buffers, textures and samplers",
-                    "pass numbers as `override`s; variables of a module are `var<private>`",
-                ));
+            if self.declare_picture(handle, global)? {
+                continue;
             }
             let value = match global.init {
                 Some(init) => self.global_scalars(init)?,
@@ -83,6 +80,9 @@ impl Lowerer<'_> {
         let host = self.input.host.and_then(|_| HostFunction::named(name));
         if name == BASE {
             return self.call_base(function, values);
+        }
+        if picture::FUNCTIONS.contains(&name) {
+            return self.call_image(&values);
         }
         match (native, host) {
             (Some(native), _) => Ok(self.call_native(native, &values)),

@@ -61,6 +61,7 @@ impl<'m> Lowerer<'m> {
         match self.value(handle)? {
             Value::Scalars(scalars) => Ok(scalars),
             Value::Place(place) => self.load(&place),
+            Value::Picture(_) => Err(Self::no_value()),
         }
     }
 
@@ -71,7 +72,7 @@ impl<'m> Lowerer<'m> {
     pub(super) fn place(&mut self, handle: Handle<Expression>) -> Result<Place, Fault> {
         match self.value(handle)? {
             Value::Place(place) => Ok(place),
-            Value::Scalars(_) => Err(unsupported("pointers of this kind")),
+            Value::Scalars(_) | Value::Picture(_) => Err(unsupported("pointers of this kind")),
         }
     }
 
@@ -99,6 +100,9 @@ impl<'m> Lowerer<'m> {
                 return Ok(Value::Place(Place { variable, offset: 0, inner, indices: Vec::new() }));
             }
             Expression::GlobalVariable(global) => {
+                if let Some(&picture) = self.pictures.get(&global) {
+                    return Ok(Value::Picture(picture));
+                }
                 let inner =
                     self.input.module.types[self.input.module.global_variables[global].ty].inner.clone();
                 let variable = *self.globals.get(&global).ok_or_else(|| unsupported("this variable"))?;
@@ -215,8 +219,8 @@ impl<'m> Lowerer<'m> {
                 return Err(Fault::new(Span::UNDEFINED, message, remedy));
             }
             _ => {
-                let message = "textures and buffers cannot be read here";
-                let remedy = "compute from the point's fields and parameters";
+                let message = "this function of textures and buffers does not exist here";
+                let remedy = "write `image(picture, uv)`";
                 return Err(Fault::new(Span::UNDEFINED, message, remedy));
             }
         })
@@ -237,6 +241,7 @@ impl<'m> Lowerer<'m> {
                 }
                 Ok(Value::Place(part_of))
             }
+            Value::Picture(_) => Err(Self::no_value()),
             Value::Scalars(scalars) => {
                 let known = if let Scalar::Word(word) = index { word } else { 0 };
                 let part = self.part(&self.inner(base), known)?;

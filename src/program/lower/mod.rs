@@ -14,8 +14,10 @@ mod expression;
 mod flow;
 mod host;
 mod math;
+mod picture;
 mod scope;
 mod shape;
+mod slope;
 mod unroll;
 mod variable;
 
@@ -27,7 +29,9 @@ use host::Asked;
 pub(super) use host::{Counts, HostInput};
 use naga::valid::ModuleInfo;
 use naga::{Function, Handle, Module, Span, TypeInner};
+use picture::LookedUp;
 use scope::Scopes;
+use slope::Slope;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::rc::Rc;
 use variable::{Place, VariableId, Variables};
@@ -64,6 +68,8 @@ enum Value {
     Scalars(Rc<[Scalar]>),
     /// A pointer.
     Place(Place),
+    /// A picture, by number.
+    Picture(u32),
 }
 
 /// The points at which a statement acts.
@@ -147,6 +153,11 @@ struct Lowerer<'m> {
     /// The scalars of variables with homes that have been assigned since the innermost region began.
     assigned: HashSet<(VariableId, usize)>,
     globals: HashMap<Handle<naga::GlobalVariable>, VariableId>,
+    /// Pictures with their numbers, in the order of the module.
+    pictures: HashMap<Handle<naga::GlobalVariable>, u32>,
+    looked_up: Vec<LookedUp>,
+    /// Slopes of registers that are never written again.
+    slopes: HashMap<Register, Slope>,
     /// Of functions called so far.
     scopes: HashMap<Handle<Function>, Rc<Scopes>>,
     frames: Vec<Frame<'m>>,
@@ -254,6 +265,9 @@ impl<'m> Lowerer<'m> {
             variables: Variables::default(),
             assigned: HashSet::new(),
             globals: HashMap::new(),
+            pictures: HashMap::new(),
+            looked_up: Vec::new(),
+            slopes: HashMap::new(),
             scopes: HashMap::new(),
             frames: Vec::new(),
             exits: Vec::new(),
@@ -375,6 +389,7 @@ impl<'m> Lowerer<'m> {
         }
         let to = self.register();
         self.write(operation, operands, to);
+        self.note_slope(operation, operands, to);
         let scalar = Scalar::Column(to);
         if let Some(scope) = self.known.last_mut() {
             scope.insert(key, scalar);

@@ -93,6 +93,10 @@ impl<'m> Lowerer<'m> {
         if self.variables.0[variable].is_homed {
             // The homes also hold what points of another branch have assigned.
             for (i, &scalar) in (first..).zip(scalars) {
+                // The home has it already.
+                if scalar == old[i] {
+                    continue;
+                }
                 self.assigned.insert((variable, i));
                 let home = self.variables.0[variable].homes[i];
                 self.write(Operation::Select, &[Self::mask_scalar(mask), scalar, Scalar::Column(home)], home);

@@ -369,7 +369,7 @@ pub(super) fn executed(code: &Code, level: SimdLevel, block: usize, points: &[Ve
             cell.set(words[scalar as usize].bits());
         }
     }
-    run_alone(level, code, &columns, points.len()).expect("loops end");
+    run_alone(level, code, &[], &columns, points.len()).expect("loops end");
     let results = |point| code.outputs.iter().map(|&from| columns.operand(from, block).at(point)).collect();
     (0..points.len()).map(results).collect()
 }

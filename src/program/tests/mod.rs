@@ -8,5 +8,6 @@ mod generated;
 mod mistakes;
 mod oracle;
 mod patterns;
+mod pictures;
 mod recorded;
 mod second_oracle;

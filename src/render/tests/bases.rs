@@ -128,6 +128,15 @@ fn only_what_the_material_has_is_computed() {
     let effects = |scene: &Scene| *scene.procedurals.last().expect("a surface").effects();
     scene.give_surface(&[0], pattern(DIRT, None)).expect("a finish");
     assert_eq!(effects(&scene), Effects::default());
+    // A finish that is replaced under a condition has no more effects.
+    let at_some = "fn pattern(at: Point) -> Finish {
+        var whole = base(at);
+        if (at.position.x > 0.0) { whole = mix_finish(whole, matte(at), 0.5); } else { whole.metallic = at.uv.x; }
+        return whole;
+    }";
+    let mut some = scene.clone();
+    some.give_surface(&[0], pattern(at_some, None)).expect("a finish");
+    assert_eq!(effects(&some), Effects::default());
     // A new shader on the same material starts from it, too.
     let bent = DIRT.replace("return whole;", "whole.sheen = vec3f(mask); return whole;");
     scene.give_surface(&[0], pattern(&bent, None)).expect("a finish");
@@ -141,9 +150,9 @@ fn only_what_the_material_has_is_computed() {
     assert!(matches!(error, GiveSurfaceError::NoFinish { .. }), "{error}");
 }
 
-/// Each layer changes the picture, and as the native one does where it covers all.
-#[test]
-fn layers_that_a_pattern_sets_are_those_of_native_materials() {
+/// Patterns that change the base of a metallic-roughness material change the picture, as the native changes do that
+/// cover all.
+fn are_native(cases: &[(&str, Edit<'_>)]) {
     let scene = one_of_everything();
     let native = |edit: Edit<'_>| {
         let mut all = scene.clone();
@@ -153,6 +162,25 @@ fn layers_that_a_pattern_sets_are_those_of_native_materials() {
         all
     };
     let bare = native(&|of| of.roughness = Scalar::constant(0.5));
+    let expected_bare = path(&Arc::new(bare.clone()), SimdLevel::detect());
+    for &(text, edit) in cases {
+        let all = |of: &mut crate::scene::Principled| {
+            of.roughness = Scalar::constant(0.5);
+            edit(of);
+        };
+        let expected = path(&Arc::new(native(&all)), SimdLevel::detect());
+        let text = format!("fn pattern(at: Point) -> Finish {{ var f = base(at); {text} return f; }}");
+        let last = bare.materials.len() - 1;
+        let mut found = bare.clone();
+        found.give_surface(&[last], pattern(&text, None)).expect("a finish");
+        let found = path(&Arc::new(found), SimdLevel::detect());
+        assert!(found == expected, "{text}");
+        assert!(found != expected_bare, "{text}");
+    }
+}
+
+#[test]
+fn layers_that_a_pattern_sets_are_those_of_native_materials() {
     let cases: [(&str, Edit<'_>); 5] = [
         ("f.sheen = vec3f(0.8, 0.4, 0.2); f.sheen_roughness = 0.3;", &|of| {
             let colour = crate::scene::Colour::constant(glam::Vec3::new(0.8, 0.4, 0.2));
@@ -187,19 +215,27 @@ fn layers_that_a_pattern_sets_are_those_of_native_materials() {
             },
         ),
     ];
-    let expected_bare = path(&Arc::new(bare.clone()), SimdLevel::detect());
-    for (text, edit) in cases {
-        let all = |of: &mut crate::scene::Principled| {
-            of.roughness = Scalar::constant(0.5);
-            edit(of);
-        };
-        let expected = path(&Arc::new(native(&all)), SimdLevel::detect());
-        let text = format!("fn pattern(at: Point) -> Finish {{ var f = base(at); {text} return f; }}");
-        let last = bare.materials.len() - 1;
-        let mut found = bare.clone();
-        found.give_surface(&[last], pattern(&text, None)).expect("a finish");
-        let found = path(&Arc::new(found), SimdLevel::detect());
-        assert!(found == expected, "{text}");
-        assert!(found != expected_bare, "{text}");
-    }
+    are_native(&cases);
+}
+
+#[test]
+fn a_varnish_is_a_tinted_coat() {
+    let cases: [(&str, Edit<'_>); 2] = [
+        ("var v = matte(at); v.roughness = 0.4; f = layer(v, f, 1.0);", &|of| {
+            of.clearcoat = Scalar::constant(1.0);
+            of.clearcoat_roughness = Scalar::constant(0.4);
+        }),
+        (
+            "var v = matte(at); v.roughness = 0.25; v.colour = vec3f(0.5, 0.3, 0.125);
+            f = layer(v, layer(v, f, 0.0), 0.5);",
+            &|of| {
+                of.clearcoat = Scalar::constant(0.5);
+                of.clearcoat_roughness = Scalar::constant(0.25);
+                let tint = glam::Vec3::new(0.75, 0.65, 0.5625);
+                of.base_colour.factor *= tint;
+                of.specular_colour = crate::scene::Colour::constant(tint);
+            },
+        ),
+    ];
+    are_native(&cases);
 }

@@ -10,6 +10,7 @@ pub mod harness;
 mod layers;
 mod parts;
 mod path;
+mod pictures;
 mod pinned;
 mod procedural;
 mod progressive;

@@ -39,6 +39,9 @@ const HEADER: &[u8; 15] = b"raystream scene";
 /// Begins the object table, which follows the fields of scenes with user surfaces.
 const OBJECTS: u8 = 1;
 
+/// Begins the moment, which follows where a user surface asks for it.
+const MOMENT: u8 = 2;
+
 /// A type with canonical bytes.
 pub(super) trait Encode {
     /// Appends the canonical bytes.
@@ -62,6 +65,13 @@ pub(super) use encode_fields;
 pub(super) struct Encoder(Xxh3);
 
 impl Encoder {
+    /// The hash of a value's canonical bytes.
+    pub fn digest_of(value: &impl Encode) -> u64 {
+        let mut to = Self(Xxh3::new());
+        value.encode(&mut to);
+        to.0.digest()
+    }
+
     /// Appends the number of an enum's variant.
     pub fn variant(&mut self, number: u8) {
         self.0.update(&[number]);
@@ -258,6 +268,9 @@ impl Encode for Scene {
             stroke_width: _,
             variants: _,
             files: _,
+            moment,
+            // They follow from mesh and objects.
+            object_bounds: _,
         } = self;
         mesh.encode(to);
         materials.encode(to);
@@ -272,6 +285,10 @@ impl Encode for Scene {
         if has_code && !objects.is_empty() {
             to.variant(OBJECTS);
             objects.columns().into_iter().for_each(|column| to.rows(column));
+        }
+        if self.reads_moment() {
+            to.variant(MOMENT);
+            moment.encode(to);
         }
     }
 }

@@ -85,6 +85,9 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         stroke_width,
         variants,
         files,
+        // What a spec asks for, and what follows from the rest.
+        moment: _,
+        object_bounds: _,
     } = scene;
     if !procedurals.is_empty() || !scatterings.is_empty() {
         return Err(FlatError::Coded);
@@ -209,6 +212,7 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
         stroke_width: small.stroke_width,
         variants: small.variants,
         files: small.files,
+        ..Scene::default()
     })
 }
 

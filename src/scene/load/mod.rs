@@ -51,6 +51,8 @@ mod session;
 mod stl;
 mod strokes;
 #[cfg(feature = "formats")]
+mod texture;
+#[cfg(feature = "formats")]
 mod textures;
 mod warnings;
 
@@ -59,6 +61,8 @@ pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, enviro
 pub use error::{LoadError, LoadProblem};
 pub use options::LoadOptions;
 pub use plain::scene_of_mesh;
+#[cfg(feature = "formats")]
+pub use texture::texture;
 
 #[cfg(all(doc, feature = "formats"))]
 use super::EnvironmentMap;

@@ -75,6 +75,11 @@ impl LoadOptions {
         Self { root: Some(root.into()), ..self }
     }
 
+    /// The most memory that the scene may take.
+    pub fn memory(&self) -> MemoryBudget {
+        self.memory
+    }
+
     /// True if a scene may name a file.
     pub fn allows(&self, path: &Path) -> bool {
         let Some(root) = &self.root else { return true };

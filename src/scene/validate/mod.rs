@@ -113,6 +113,8 @@ impl Scene {
             stroke_width: _,
             variants: _,
             files: _,
+            moment: _,
+            object_bounds: _,
         } = self;
         check_objects(objects)?;
         self.validate_textures()?;

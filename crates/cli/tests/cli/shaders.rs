@@ -60,7 +60,13 @@ fn materials_are_changed_by_name_and_shaders_win() {
 #[test]
 fn shipped_shaders_are_valid_and_list_their_parameters() {
     let folder = folder();
-    for (name, parameter) in [("wood", "rings: f32"), ("marble", "bend: f32"), ("brick", "joint: f32")] {
+    for (name, parameter) in [
+        ("wood", "rings: f32"),
+        ("marble", "bend: f32"),
+        ("brick", "joint: f32"),
+        ("decal", "print: texture_2d<f32>, must be bound"),
+        ("grime", "cover: f32"),
+    ] {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a pattern of") && text.contains(parameter), "{text}");
     }
@@ -175,6 +181,154 @@ fn wrong_shaders_are_refused_with_the_place() {
         assert!(!folder.join("p.png").exists());
     }
     run(folder, &["shaders", "check", "bad.wgsl"], 2);
+}
+
+/// A Targa file of 8 by 8 texels.
+fn targa(texel: impl Fn(u8, u8) -> [u8; 3]) -> Vec<u8> {
+    let mut bytes = vec![0; 18];
+    (bytes[2], bytes[12], bytes[14], bytes[16]) = (2, 8, 8, 24);
+    bytes.extend((0..64).flat_map(|i| texel(i % 8, i / 8)));
+    bytes
+}
+
+/// Paint from a picture, by a mask over the material.
+const PAINTED: &str = "var paint: texture_2d<f32>;
+var mask: texture_2d<f32>;
+fn pattern(at: Point) -> Finish {
+    var painted = matte(at);
+    painted.colour = image(paint, at.uv * 4.0).rgb;
+    return mix_finish(base(at), painted, image(mask, at.position.xy).r);
+}
+";
+
+/// A folder with that shader in its own folder, pictures and a textured quad.
+fn write_painted(folder: &Path, surface: &str) {
+    std::fs::create_dir_all(folder.join("paints")).expect("a folder");
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
+    write("paints/painted.wgsl", PAINTED.as_bytes());
+    write("paint.tga", &targa(|x, y| [30 * x, 30 * y, 200]));
+    write("mask.tga", &targa(|x, y| [if (x / 2 + y) % 2 == 0 { 255 } else { 20 }; 3]));
+    let scene = format!(
+        r#"{{ "camera": {{ "eye": [0, 0, 5], "target": [0, 0, 0], "fov_degrees": 40 }}, "environment": [1, 1, 1],
+        "textures": {{ "tiles": {{ "pattern": "checker", "colours": [[200, 190, 170], [90, 60, 40]], "cells": 8 }} }},
+        "materials": {{ "wall": {{ "colour": [1, 1, 1], "texture": "tiles", "roughness": 0.5{surface} }},
+            "door": {{ "colour": [0.2, 0.3, 0.4] }} }},
+        "shapes": [
+            {{ "shape": "quad", "corner": [-2, -2, 0], "u": [4, 0, 0], "v": [0, 4, 0], "material": "wall" }},
+            {{ "shape": "sphere", "centre": [0, 0, 1], "radius": 0.5, "cells": 8, "material": "door" }} ] }}"#
+    );
+    write("scene.json", scene.as_bytes());
+}
+
+#[test]
+fn shaders_look_up_pictures_of_files_and_of_the_material() {
+    let folder = folder();
+    let folder = folder.path();
+    write_painted(folder, "");
+    let plain = hash(folder, "scene.json", &[]);
+    let surface = "wall=paints/painted.wgsl,paint=paint.tga,mask=mask.tga,linear,clamp";
+    let painted = hash(folder, "scene.json", &["--surface", surface]);
+    assert_ne!(painted, plain);
+    for more in [["--simd", "scalar", "--threads", "1"], ["--simd", "auto", "--threads", "2"]] {
+        assert_eq!(
+            hash(folder, "scene.json", &[&["--surface", surface], &more[..]].concat()),
+            painted,
+            "{more:?}"
+        );
+    }
+    for other in [
+        "wall=paints/painted.wgsl,paint=paint.tga,mask=mask.tga,clamp",
+        "wall=paints/painted.wgsl,paint=paint.tga,mask=mask.tga,linear",
+        "wall=paints/painted.wgsl,paint=mask.tga,mask=mask.tga,linear,clamp",
+        "wall=paints/painted.wgsl,paint=base-colour,mask=mask.tga,linear,clamp",
+    ] {
+        assert_ne!(hash(folder, "scene.json", &["--surface", other]), painted, "{other}");
+    }
+    // In the scene, where files lie beside it.
+    let asks = r#", "surface": { "shader": "paints/painted.wgsl", "paint": "paint.tga",
+        "mask": ["mask.tga", "linear", "clamp"] }"#;
+    write_painted(folder, asks);
+    assert_eq!(hash(folder, "scene.json", &[]), painted);
+    std::fs::create_dir(folder.join("elsewhere")).expect("a folder");
+    assert_eq!(hash(&folder.join("elsewhere"), "../scene.json", &[]), painted);
+}
+
+#[test]
+fn pictures_that_cannot_be_had_are_told_with_file_line_and_remedy() {
+    let folder = folder();
+    let folder = folder.path();
+    write_painted(folder, "");
+    std::fs::write(folder.join("broken.png"), "no picture").expect("written");
+    let painted = "paints/painted.wgsl:1:1";
+    let inputs = "they have base-colour, metallic, roughness,";
+    for (surface, words) in [
+        ("wall=P,mask=mask.tga", &["`paint` is not bound", painted, "`paint=FILE.png`"][..]),
+        ("wall=P,paint=none.png,mask=mask.tga", &["cannot read none.png", painted]),
+        ("wall=P,paint=broken.png,mask=mask.tga", &["broken.png: cannot be decoded", painted]),
+        ("wall=P,paint=3,mask=mask.tga", &["no input \"3\" with a texture", inputs, painted, "bind a file"]),
+        ("wall=P,paint=dirt.gif,mask=mask.tga", &["no input \"dirt.gif\"", inputs, painted]),
+        (
+            "wall=P,paint=sheen,mask=mask.tga",
+            &["no texture of \"sheen\"", "it has those of base-colour", painted],
+        ),
+        (
+            "*=P,paint=base-colour,mask=mask.tga",
+            &["\"door\" has no texture of \"base-colour\"", "none at all"],
+        ),
+    ] {
+        let surface = surface.replace("=P,", "=paints/painted.wgsl,");
+        let args =
+            ["render", "scene.json", "-o", "p.png", "--size", "8x8", "--spp", "1", "--surface", &surface];
+        let text = run(folder, &args, 2);
+        assert!(words.iter().all(|word| text.contains(word)), "{surface}\n{text}");
+    }
+    let args = ["render", "scene.json", "-o", "p.png", "--surface", "wall=paints/painted.wgsl,mask=mask.tga"];
+    let text = run(folder, &[&args[..], &["--set", "wall.paint=paint.tga"]].concat(), 2);
+    assert!(text.contains("--set wall.paint=paint.tga: a picture is bound beside its shader"), "{text}");
+    let text = run(folder, &["shaders", "check", "paints/painted.wgsl"], 0);
+    assert!(text.contains("  paint: texture_2d<f32>, must be bound"), "{text}");
+}
+
+/// The hashes of the frames of an animation.
+fn frame_hashes(folder: &Path, more: &[&str]) -> Vec<String> {
+    let args = ["render", "scene.json", "-o", "f%d.npy", "--size", "40x30", "--spp", "2", "--tracer", "cpu"];
+    run(folder, &[&args[..], &["--stats", "s.json"], more].concat(), 0);
+    let stats = json(&folder.join("s.json"));
+    let frames = stats["frames"].as_array().expect("frames");
+    frames.iter().map(|frame| frame["hash"].as_str().expect("a hash").to_owned()).collect()
+}
+
+#[test]
+fn time_and_frame_count_where_a_shader_reads_them() {
+    let folder = folder();
+    let folder = folder.path();
+    write_painted(folder, "");
+    let write = |name: &str, colour: &str| {
+        let text = format!(
+            "fn pattern(at: Point) -> Finish {{ var f = matte(at); f.colour = vec3f({colour}); return f; }}"
+        );
+        std::fs::write(folder.join(name), text).expect("written");
+    };
+    write("timed.wgsl", "fract(at.time), 0.5, 0.2");
+    write("framed.wgsl", "0.1 * f32(at.frame), 0.5, 0.2");
+    write("plain.wgsl", "0.3, 0.5, 0.2");
+    let frames = ["--frames", "2..4", "--fps", "8"];
+    let of = |shader: &str, more: &[&str]| {
+        let surface = format!("wall={shader}");
+        frame_hashes(folder, &[&frames[..], &["--surface", &surface], more].concat())
+    };
+    let still = |shader: &str, more: &[&str]| {
+        hash(folder, "scene.json", &[&["--surface", &format!("wall={shader}")][..], more].concat())
+    };
+    let timed = of("timed.wgsl", &["--time", "0.5"]);
+    assert_eq!(timed, [still("timed.wgsl", &["--time", "0.75"]), still("timed.wgsl", &["--time", "0.875"])]);
+    assert_ne!(timed[0], timed[1]);
+    assert_ne!(timed, of("timed.wgsl", &["--time", "0.5", "--shutter", "0.1", "--shutter-steps", "2"]));
+    let framed = of("framed.wgsl", &[]);
+    assert!(framed[0] != framed[1] && framed[0] != still("framed.wgsl", &[]), "{framed:?}");
+    assert_eq!(framed, of("framed.wgsl", &["--time", "7", "--simd", "scalar", "--threads", "1"]));
+    let plain = of("plain.wgsl", &["--time", "0.5", "--turntable", "0"]);
+    assert_eq!(plain, vec![still("plain.wgsl", &[]); 2]);
 }
 
 /// Glass with water in it, gold and a lamp over a floor: triangles few enough to be made in no time.

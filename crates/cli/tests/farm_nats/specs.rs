@@ -15,7 +15,7 @@ use std::process::Command;
 use crate::service::Service;
 
 /// Pictures, of the scene `box.json` unless they name another one.
-fn specs() -> [Value; 12] {
+fn specs() -> [Value; 14] {
     [
         json!({ "seed": 7, "max-bounces": 3, "material": "white,base-colour=0.3,0.7,0.2,roughness=0.5" }),
         json!({ "integrator": "whitted", "filter": "gaussian:2.5" }),
@@ -25,6 +25,8 @@ fn specs() -> [Value; 12] {
         json!({ "K": [20, 20, 8, 6], "distortion": [0.1, -0.05, 0.001, 0], "world-to-camera": "pose.txt" }),
         json!({ "f-stop": 1.4, "focus-distance": 800, "aperture-blades": 6, "shift": [0, 0.1] }),
         json!({ "surface": ["white=dust.wgsl"], "clamp-indirect": 4 }),
+        json!({ "surface": ["white=tiled.wgsl,tiles=tiles.tga,linear,mirror"] }),
+        json!({ "surface": ["white=pulse.wgsl"], "frames": "1..3", "fps": 4, "time": 0.5 }),
         json!({ "integrator": "rooms.wgsl", "region": [3, 2, 9, 7] }),
         json!({ "views": 2, "noise": 0.5, "spp": 32 }),
         json!({ "scene": "fall.gltf", "frames": "0..3", "fps": 4, "time": 0.25 }),
@@ -37,13 +39,41 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
     fs::copy(shipped("cornell.json"), folder.join("box.json")).expect("a scene");
     fs::copy(shipped("shaders/dust.wgsl"), folder.join("dust.wgsl")).expect("a shader");
     fs::copy(shipped("shaders/whitted.wgsl"), folder.join("rooms.wgsl")).expect("a shader");
+    let tiled = "var tiles: texture_2d<f32>;
+        fn pattern(at: Point) -> Finish {
+            var tiled = base(at);
+            tiled.colour *= image(tiles, at.position.xz * 0.01).rgb;
+            return tiled;
+        }";
+    fs::write(folder.join("tiled.wgsl"), tiled).expect("a shader");
+    let pulse = "fn pattern(at: Point) -> Finish {
+            var pulse = matte(at);
+            pulse.colour = vec3f(at.time, 0.1 * f32(at.frame), 0.5);
+            return pulse;
+        }";
+    fs::write(folder.join("pulse.wgsl"), pulse).expect("a shader");
+    // Two rows of two texels.
+    let mut tiles = vec![0; 18];
+    (tiles[2], tiles[12], tiles[14], tiles[16]) = (2, 2, 2, 24);
+    tiles.extend([255, 80, 10, 40, 200, 90, 7, 20, 250, 180, 180, 0]);
+    fs::write(folder.join("tiles.tga"), tiles).expect("a picture");
     fs::write(folder.join("pose.txt"), "-1 0 0 278\n0 -1 0 273\n0 0 1 800\n").expect("a pose");
     // Two rows of flat RGBE pixels.
     let mut sky = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n".to_vec();
     sky.extend((0..8_u8).flat_map(|pixel| [20 * pixel + 40, 90, 200 - 20 * pixel, 129]));
     fs::write(folder.join("sky.hdr"), sky).expect("a sky");
     fs::write(folder.join("fall.gltf"), falling_triangle()).expect("a scene");
-    vec!["box.json", "dust.wgsl", "rooms.wgsl", "pose.txt", "sky.hdr", "fall.gltf"]
+    vec![
+        "box.json",
+        "dust.wgsl",
+        "tiled.wgsl",
+        "pulse.wgsl",
+        "tiles.tga",
+        "rooms.wgsl",
+        "pose.txt",
+        "sky.hdr",
+        "fall.gltf",
+    ]
 }
 
 /// A triangle that falls for a second.

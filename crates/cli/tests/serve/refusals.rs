@@ -97,6 +97,7 @@ fn what_is_wrong_with_a_request_is_named() {
         (json!({ "env": "/etc/passwd" }), "does not lie in the pack"),
         (json!({ "env": "../../../token.hdr" }), "does not lie in the pack"),
         (json!({ "surface": ["a=../x.wgsl"] }), "does not lie in the pack"),
+        (json!({ "surface": ["a=x.wgsl,dirt=../../token.png"] }), "does not lie in the pack"),
         (json!({ "clamp-indirect": 1, "integrator": "whitted" }), "clamp-indirect"),
         (json!({ "integrator": "none" }), "none"),
         (json!({ "orthographic": -1 }), "height"),
@@ -129,12 +130,17 @@ fn hostile(data: &Path) -> Vec<(Vec<u8>, &'static str)> {
     let triangle = "usemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     let secret = data.join("token").display().to_string();
     let up = "../../../token";
+    let foreign = r#"{ "materials": { "a": { "colour": [1, 1, 1], "surface": { "shader": "a.wgsl",
+        "dirt": "../../../token.png" } } }, "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1,
+        "cells": 8, "material": "a" } ] }"#;
+    let dirty = "var dirt: texture_2d<f32>; fn pattern(at: Point) -> Finish { return matte(at); }";
     let huge = r#"{ "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [ { "shape": "sphere",
         "centre": [0, 0, 0], "radius": 1, "cells": 1024, "material": "a" } ] }"#;
     vec![
         (pack(&[("a.obj", &format!("mtllib {secret}\n{triangle}"))]), "outside"),
         (pack(&[("b/a.obj", &format!("mtllib {up}\n{triangle}"))]), "outside"),
         (pack(&[("a.obj", "nothing")]), "triangle"),
+        (pack(&[("a.json", foreign), ("a.wgsl", dirty)]), "outside"),
         (huge.as_bytes().to_vec(), "memory"),
     ]
 }

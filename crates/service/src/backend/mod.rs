@@ -23,14 +23,14 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::{MemoryBudget, OutOfMemory};
 use raystream::picture::{
-    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file,
+    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file, shaders,
     with_causes,
 };
 use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};
 use serde_json::Value;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -157,9 +157,9 @@ impl RenderBackend {
         let tried = self.checked(spec, scene, folder).and_then(|checked| {
             let spec = checked.spec();
             let flat = self.loaded.path(spec, folder);
-            let has_map = spec.light.env_file().is_some();
+            let has_images = spec.light.env_file().is_some() || pictures_of(spec).next().is_some();
             if let Some(triangles) = flat.as_ref().and_then(|flat| self.loaded.triangles(flat))
-                && !has_map
+                && !has_images
             {
                 return Ok(triangles);
             }
@@ -309,14 +309,19 @@ fn confine(spec: &mut RenderSpec, folder: &Path) -> Result<()> {
     refused.map_or(Ok(()), |refused| bail!(refused))
 }
 
-/// Shaders of a scene lie beside it or below.
+/// Shaders of a scene, and their pictures, lie beside it or below.
 fn refuse_foreign_shaders(scene: &Scene) -> Result<()> {
-    for request in scene.surface_requests.iter().filter(|request| request.surface.ends_with(".wgsl")) {
-        if inside(Path::new(""), &request.surface).is_none() {
-            bail!("{:?}: a shader that a scene names lies beside it or below", request.surface);
+    for file in shaders::files_of(scene) {
+        if file.to_str().and_then(|name| inside(Path::new(""), name)).is_none() {
+            bail!("{:?}: a shader or a picture that a scene names lies beside it or below", file.display());
         }
     }
     Ok(())
+}
+
+/// The files of pictures that the shaders of a spec look up.
+fn pictures_of(spec: &RenderSpec) -> impl Iterator<Item = PathBuf> {
+    spec.surface.iter().flat_map(|surface| surface.pictures()).map(|picture| picture.path)
 }
 
 /// The process that reads a scene and writes it to a flat file.
@@ -340,6 +345,9 @@ fn scene_reading(
     }
     if let Some(env) = &spec.light.env {
         command.arg(format!("--env={env}"));
+    }
+    for picture in pictures_of(spec) {
+        command.arg("--picture").arg(picture);
     }
     command.arg("--").arg(spec.scene.as_deref().unwrap_or(folder));
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

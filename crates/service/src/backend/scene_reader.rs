@@ -53,7 +53,8 @@ impl SceneReader {
     /// # Errors
     /// Why it cannot be read.
     pub fn open(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<OpenJob, String> {
-        let key = format!("{} {:?} {:?}", scene.display(), spec.loading, spec.light.env);
+        let pictures: Vec<_> = spec.surface.iter().flat_map(|surface| surface.pictures()).collect();
+        let key = format!("{} {:?} {:?} {pictures:?}", scene.display(), spec.loading, spec.light.env);
         self.loadable.get(&key, || {
             let triangles = self.backend.try_scene(spec, scene, folder, self.limits.load_time)?;
             let most = self.limits.triangles;

@@ -3,7 +3,7 @@
 use super::digits::hex;
 use anyhow::{Context, Result};
 use raystream::memory::MemoryBudget;
-use raystream::picture::{CheckedSpec, Registry, RenderSpec, SpecError, scene_file};
+use raystream::picture::{CheckedSpec, Registry, RenderSpec, SpecError, scene_file, shaders};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::io::{Cursor, Write};
@@ -45,8 +45,8 @@ impl Pack {
         for file in &read.files {
             files.insert(inside(&folder, file)?);
         }
-        for request in read.surface_requests.iter().filter(|request| request.surface.ends_with(".wgsl")) {
-            files.insert(inside(&folder, &folder.join(&request.surface))?);
+        for file in shaders::files_of(&read) {
+            files.insert(inside(&folder, &folder.join(file))?);
         }
         let mut spec = RenderSpec::clone(spec);
         spec.scene = None;

@@ -129,7 +129,7 @@ impl Replay {
                 columns.column(register, BLOCK).iter().zip(words).for_each(|(cell, &word)| cell.set(word));
             }
             let level = levels[block / 2 % levels.len()];
-            run_alone(level, code, columns, BLOCK).expect("tapes have no loops");
+            run_alone(level, code, &[], columns, BLOCK).expect("tapes have no loops");
             for (result, &register) in results.iter_mut().zip(&code.outputs) {
                 let from = columns.operand(register, BLOCK);
                 result.extend((0..BLOCK).map(|point| from.at(point)));

@@ -317,6 +317,9 @@ pub struct CheckSceneArgs {
     /// File to write the loaded scene to.
     #[arg(long, value_name = "FILE")]
     pub flat: Option<PathBuf>,
+    /// A picture that a shader of the job looks up. Repeatable.
+    #[arg(long, value_name = "FILE")]
+    pub picture: Vec<PathBuf>,
     /// Options of reading it.
     #[command(flatten)]
     pub loading: SceneArgs,

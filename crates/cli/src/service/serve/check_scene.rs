@@ -5,9 +5,10 @@ use crate::service::args::CheckSceneArgs;
 use anyhow::{Context, Result};
 use raystream::engine::PreparedScene;
 use raystream::files;
-use raystream::picture::{afford, scene_file};
-use raystream::scene::Scene;
+use raystream::picture::{afford, scene_file, shaders};
 use raystream::scene::flat::{self, FlatError};
+use raystream::scene::load::{self, LoadOptions};
+use raystream::scene::{ColourSpace, Scene, Wrap};
 use std::path::Path;
 
 /// Address space beside what a scene may take: the program, its threads' stacks, files that are mapped.
@@ -19,6 +20,8 @@ pub fn run(args: &CheckSceneArgs) -> Result<Outcome> {
     limit_memory(memory.bytes())?;
     let options = args.loading.options().with_root(&args.root);
     let mut scene = scene_file::read(&args.scene, &options)?;
+    // A scene that is kept is not tried again.
+    check_pictures(args, &scene, &options)?;
     if let Some(path) = &args.flat {
         keep(&scene, path);
     }
@@ -27,6 +30,16 @@ pub fn run(args: &CheckSceneArgs) -> Result<Outcome> {
     afford(&memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
     stdout_line!("{}", scene.mesh.triangles.len());
     Ok(Outcome::Done)
+}
+
+/// Reads the pictures that shaders of the job and of the scene look up, and lets go of them.
+fn check_pictures(args: &CheckSceneArgs, scene: &Scene, options: &LoadOptions) -> Result<()> {
+    let folder = args.scene.parent().unwrap_or(Path::new(""));
+    let of_scene = shaders::pictures_of(scene).map(|picture| folder.join(picture.path));
+    for path in args.picture.iter().cloned().chain(of_scene) {
+        load::texture(&path, ColourSpace::Srgb, [Wrap::default(); 2], options)?;
+    }
+    Ok(())
 }
 
 /// Writes the loaded scene. Without the file it is loaded once more.
