@@ -105,8 +105,8 @@ fn resident_bytes() -> Option<usize> {
 }
 
 /// `cargo test --release --test gpu soak -- --nocapture` tells what it saw; `RAYSTREAM_DEVICE_FRAMES` asks for another
-/// number of frames. What an allocator keeps is not what a device loses, so the process has one of glibc's arenas, where
-/// it may have eight a core, and has had as many devices at the same time as it ever will.
+/// number of frames. What an allocator keeps is not what a device loses, so the process has one of glibc's arenas,
+/// where it may have eight a core, and has had as many devices at the same time as it ever will.
 #[test]
 fn frames_with_failing_devices_are_right_and_memory_stays_flat() {
     // Other tests of this program take memory meanwhile, so frames are rendered in a process of their own.
