@@ -91,6 +91,8 @@ pub(crate) fn spirv(
         flags: spv::WriterFlags::empty(),
         bounds_check_policies: bounds,
         force_loop_bounding: checks == Checks::Kept,
+        // The device has been opened with nothing else: without this, bytes would be integers of eight bits.
+        capabilities: Some(std::iter::once(spv::Capability::Shader).collect()),
         ..spv::Options::default()
     };
     let words = spv::write_vec(&module, &info, &options, None).map_err(|error| error.to_string())?;
@@ -209,5 +211,18 @@ mod tests {
         ] {
             assert!(compiled(other, all).is_err(), "{other}");
         }
+    }
+
+    #[test]
+    fn kernels_ask_for_nothing_that_devices_are_not_opened_with() {
+        let source = KERNEL
+            .replace("array<f32>", "array<u32>")
+            .replace("OPERATION", "pack4xU8(unpack4xU8(words[0]) + unpack4xU8(words[1]))");
+        let words = spirv(&source, FloatControls::default(), Fma::Refused, Checks::Kept).expect("integers");
+        let asked: Vec<u32> = instructions(&words)
+            .filter(|(_, number, _)| *number == OP_CAPABILITY)
+            .map(|(_, _, words)| words[1])
+            .collect();
+        assert_eq!(asked, [spv::Capability::Shader as u32]);
     }
 }

@@ -173,7 +173,9 @@ fn compare(name: &str, compiled: &GpuProgram, rows: &Mutex<Vec<Row>>) {
         }
     }
     let report = compiled.report();
-    assert!(compared > 2 * rows.len() && report.undecided * 20 < report.points, "{name}: {report:?}");
+    // What comes near subnormal numbers is the host's on a device that flushes them.
+    let parts = if compiled.flushes() { 2 } else { 20 };
+    assert!(compared > 2 * rows.len() && report.undecided * parts < report.points, "{name}: {report:?}");
 }
 
 fn source(file: &str) -> String {
