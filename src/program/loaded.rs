@@ -77,7 +77,7 @@ impl Loaded {
             let Some((name, value)) = value else { return Err(self.error(&unbound(parameter))) };
             pictures.push(find(value).map_err(|reason| {
                 let message = format!("the picture `{name}` is {value:?}: {reason}");
-                self.error(&Fault::new(parameter.span, message, BINDINGS))
+                self.error(&Fault::new(parameter.span, message, bindings(name)))
             })?);
         }
         self.pictures = pictures.into();
@@ -216,15 +216,15 @@ impl Loaded {
     }
 }
 
-/// What a picture may be bound to.
-const BINDINGS: &str = "bind a file, `NAME=FILE.png`, or a texture of the material, `NAME=base-colour`";
+/// The two things that a picture may be bound to.
+fn bindings(name: &str) -> String {
+    format!("bind a file, `{name}=FILE.png`, or a texture of the material, `{name}=base-colour`")
+}
 
 /// The fault of a picture that is not bound.
 fn unbound(parameter: &Parameter) -> Fault {
     let name = &parameter.name;
-    let remedy =
-        format!("bind a file, `{name}=FILE.png`, or a texture of the material, `{name}=base-colour`");
-    Fault::new(parameter.span, format!("the picture `{name}` is not bound"), remedy)
+    Fault::new(parameter.span, format!("the picture `{name}` is not bound"), bindings(name))
 }
 
 /// True if statements call a function.
