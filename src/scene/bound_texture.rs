@@ -195,7 +195,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     fn checks(side: u32) -> Texture {
-        let texel = |i: u32| [if (i + i / side) % 2 == 0 { 255 } else { 0 }, i as u8, 77, 200];
+        let texel = |i: u32| [if (i + i / side).is_multiple_of(2) { 255 } else { 0 }, i as u8, 77, 200];
         let mut texture = Texture {
             name: String::new(),
             width: side,
