@@ -36,8 +36,8 @@ impl BoundTexture {
         Self::with_transform(scene.textures[reference.texture as usize].clone(), reference)
     }
 
-    /// One white texel.
-    pub(crate) fn white() -> Self {
+    /// A texture of one white texel.
+    pub fn white() -> Self {
         Self::new(Texture {
             name: "white".into(),
             width: 1,

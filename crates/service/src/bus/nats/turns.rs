@@ -1,4 +1,4 @@
-//! When each worker's questions are answered: one that floods delays the others little.
+//! Turns of workers' questions: one that floods delays the others little.
 
 use crate::contract::ANSWERED_TOGETHER;
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
