@@ -115,9 +115,7 @@ impl PointInputs {
     pub fn sink<'a>(&'a self, columns: &'a Columns, lanes: usize) -> impl PointSink {
         PointWriter { columns, inputs: self, lanes }
     }
-}
 
-impl PointInputs {
     /// True if the time or the frame is read.
     pub fn read_moment(&self) -> bool {
         let is_of_moment = |row: &SurfaceField| ["time", "frame"].contains(&row.name);

@@ -1,7 +1,7 @@
 //! The object table: which triangles belong to which object of the scene file.
 
 use crate::lanes::{Int, Lanes, Num, Vector};
-use glam::{DMat4, Vec3};
+use glam::DMat4;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -180,21 +180,16 @@ impl Objects {
         owner
     }
 
-    /// A point of the world in the own space of an object, to the bit that [`Objects::local_at`] gives.
-    pub(super) fn local(&self, object: u32, Vec3 { x, y, z }: Vec3) -> Vec3 {
-        let Some(space) = self.spaces.get(object as usize * SPACE..).and_then(|rest| rest.first_chunk())
-        else {
-            return Vec3::new(x, y, z);
-        };
-        let [a, b, c, d, e, f, g, h, i, j, k, l]: [f32; SPACE] = *space;
-        Vec3::new(a * x + b * y + c * z + d, e * x + f * y + g * z + h, i * x + j * y + k * z + l)
-    }
-
     /// Points of the world on triangles, one in each lane, in the own space of the triangle's object.
     #[inline(always)]
     pub fn local_at<L: Lanes>(&self, primitive: Int<L>, position: Vector<L>) -> Vector<L> {
+        if self.spaces.is_empty() { position } else { self.local(self.at(primitive), position) }
+    }
+
+    /// Points of the world, one in each lane, in the own spaces of objects.
+    #[inline(always)]
+    pub(super) fn local<L: Lanes>(&self, object: Int<L>, position: Vector<L>) -> Vector<L> {
         let Some(last) = (self.spaces.len() / SPACE).checked_sub(1) else { return position };
-        let object = self.at(primitive);
         let [a, b, c, d, e, f, g, h, i, j, k, l] = object.at_most(last as u32).rows_of::<SPACE>(&self.spaces);
         let Vector { x, y, z } = position;
         let local =
@@ -240,7 +235,7 @@ impl Objects {
 mod tests {
     use super::*;
     use crate::lanes::{LaneTask, SimdLevel, SingleLane};
-    use glam::DVec3;
+    use glam::{DVec3, Vec3};
 
     /// Objects 0, 1, 2, .. with these first triangles.
     fn table(starts: &[u32]) -> Objects {

@@ -2,7 +2,8 @@
 
 use super::Scene;
 use crate::geom::Aabb;
-use crate::lanes::{Int, Lanes, Vector};
+use crate::lanes::{Int, Lanes, Num, SingleLane, Vector};
+use glam::Vec3;
 use std::sync::OnceLock;
 
 /// Numbers of a box.
@@ -32,14 +33,16 @@ impl Scene {
 }
 
 fn boxes(scene: &Scene) -> Vec<f32> {
-    let (mesh, objects) = (&scene.mesh, &scene.objects);
+    let (l, mesh, objects) = (SingleLane::default(), &scene.mesh, &scene.objects);
     let mut all = vec![Aabb::EMPTY; objects.len()];
     for (triangles, owner) in objects.runs(mesh.triangles.len() as u32) {
         let Some(owner) = owner else { continue };
         let mut found = Aabb::EMPTY;
         for primitive in triangles {
-            for corner in mesh.corners(primitive) {
-                found = found.union(Aabb::around([objects.local(owner, corner)]));
+            for Vec3 { x, y, z } in mesh.corners(primitive) {
+                let corner = Vector::new(Num::splat(l, x), Num::splat(l, y), Num::splat(l, z));
+                let Vector { x, y, z } = objects.local(Int::splat(l, owner), corner);
+                found = found.union(Aabb::around([Vec3::new(x.get(), y.get(), z.get())]));
             }
         }
         all[owner as usize] = all[owner as usize].union(found);
@@ -53,7 +56,7 @@ mod tests {
     use super::*;
     use crate::lanes::{LaneTask, SimdLevel};
     use crate::scene::{Object, TriangleMesh};
-    use glam::{DMat4, DVec3, Vec3};
+    use glam::{DMat4, DVec3};
 
     struct Bounds<'a>(&'a Scene, u32);
 

@@ -38,7 +38,12 @@ fn starts(surface: &Surface) -> bool {
     matches!(surface, Surface::Principled(surface) if surface.coats.is_empty())
 }
 
-fn covered(scene: &Scene, surface: impl Into<CodedSurface>, which: impl Fn(&Surface) -> bool) -> Arc<Scene> {
+/// A scene with a surface on the materials whose own is one of `which`.
+pub(super) fn covered(
+    scene: &Scene,
+    surface: impl Into<CodedSurface>,
+    which: impl Fn(&Surface) -> bool,
+) -> Arc<Scene> {
     let mut scene = scene.clone();
     let materials = scene.materials.iter().enumerate();
     let numbers: Vec<usize> = materials.filter(|(_, of)| which(&of.surface)).map(|(i, _)| i).collect();
@@ -47,7 +52,8 @@ fn covered(scene: &Scene, surface: impl Into<CodedSurface>, which: impl Fn(&Surf
     Arc::new(scene)
 }
 
-fn path(scene: &Arc<Scene>, simd: SimdLevel) -> Vec<[f32; 3]> {
+/// The path tracer's picture.
+pub(super) fn path(scene: &Arc<Scene>, simd: SimdLevel) -> Vec<[f32; 3]> {
     let path = PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid").with_simd(simd);
     render(&path, 8192, &harness::tracer(scene));
     path.frame().film().resolve()

@@ -1,14 +1,11 @@
 //! Pictures that shaders look up: the bytes of the material's own textures, at every level and in blocks.
 
-use super::harness::{self, render};
-use super::scenes::{camera, one_of_everything};
+use super::bases::{self, path};
+use super::scenes::one_of_everything;
 use crate::lanes::SimdLevel;
 use crate::program::{PatternShader, SurfaceShader};
-use crate::render::{Integrator, PathTracer, Settings};
 use crate::scene::{BoundTexture, CodedSurface, ProceduralSurface, Scene, Surface, Texture};
 use std::sync::Arc;
-
-const SETTINGS: Settings = Settings::new(32, 32).with_spp(8).with_max_bounces(3);
 
 /// Dirt by a mask over the material.
 const DIRT: &str = "var dirt: texture_2d<f32>;
@@ -56,18 +53,7 @@ fn pattern(scene: &Scene, text: &str, block: Option<usize>) -> CodedSurface {
 }
 
 fn covered(scene: &Scene, surface: CodedSurface) -> Arc<Scene> {
-    let mut scene = scene.clone();
-    let materials = scene.materials.iter().enumerate();
-    let has_finish = |of: &Surface| !matches!(of, Surface::Mix(_));
-    let numbers: Vec<usize> = materials.filter(|(_, of)| has_finish(&of.surface)).map(|(i, _)| i).collect();
-    scene.give_surface(&numbers, surface).expect("all have a finish");
-    Arc::new(scene)
-}
-
-fn path(scene: &Arc<Scene>, simd: SimdLevel) -> Vec<[f32; 3]> {
-    let path = PathTracer::new(scene.clone(), &camera(), SETTINGS, None).expect("valid").with_simd(simd);
-    render(&path, 8192, &harness::tracer(scene));
-    path.frame().film().resolve()
+    bases::covered(scene, surface, |of| !matches!(of, Surface::Mix(_)))
 }
 
 #[test]
