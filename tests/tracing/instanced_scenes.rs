@@ -87,6 +87,8 @@ pub fn all() -> Vec<(&'static str, InstancedScene, f32)> {
         meshes::soup(4, 0.8, 3),
         meshes::blocks(2, 4),
         meshes::grid(20, 0.0, 5),
+        // More nodes than a traversal keeps moved boxes of.
+        meshes::grid(90, 0.2, 6),
     ];
     let shapes = shapes.map(|mut shape| {
         shape.triangles.truncate(shape.triangles.len() / 4 * 4);
@@ -95,10 +97,11 @@ pub fn all() -> Vec<(&'static str, InstancedScene, f32)> {
     vec![
         ("one instance", scatter(&shapes[..1], 1, 1.0, 10), 1.0),
         ("4 instances", scatter(&shapes[..2], 4, 1.0, 11), 1.0),
-        ("60 instances", scatter(&shapes, 60, 1.0, 12), 1.0),
-        ("huge", scatter(&shapes, 12, 1e8, 13), 1e8),
-        ("tiny", scatter(&shapes, 12, 1e-6, 14), 1e-6),
+        ("60 instances", scatter(&shapes[..5], 60, 1.0, 12), 1.0),
+        ("huge", scatter(&shapes[..5], 12, 1e8, 13), 1e8),
+        ("tiny", scatter(&shapes[..5], 12, 1e-6, 14), 1e-6),
         ("small shapes", scatter(&shapes[2..3], 100, 1.0, 15), 1.0),
+        ("many nodes", scatter(&shapes[5..], 2, 1.0, 16), 1.0),
     ]
 }
 

@@ -218,7 +218,7 @@ impl ColumnWriter<'_> {
     }
 
     fn write_some(&self, hits: &[Hit], columns: HitColumns<'_>) {
-        let Target { firsts, .. } = self.target;
+        let Target { starts, .. } = self.target;
         let HitColumns {
             t,
             primitive,
@@ -236,7 +236,7 @@ impl ColumnWriter<'_> {
         if let Some(column) = uv {
             column.iter_mut().zip(hits).for_each(|(uv, hit)| *uv = [hit.u, hit.v]);
         }
-        if firsts.is_none() {
+        if starts.is_none() {
             if let Some(column) = primitive {
                 column.iter_mut().zip(hits).for_each(|(primitive, hit)| *primitive = hit.primitive);
             }

@@ -214,14 +214,14 @@ impl Lists for HitListColumns {
         }
         if let Some(column) = &mut self.primitive {
             grow(column, hits.len())?;
-            match target.firsts {
+            match target.starts {
                 Some(_) => column.extend(hits.iter().map(|hit| target.world_hit(hit).primitive)),
                 None => column.extend(hits.iter().map(|hit| hit.primitive)),
             }
         }
         if let Some(column) = &mut self.instance {
             grow(column, hits.len())?;
-            match target.firsts {
+            match target.starts {
                 Some(_) => column.extend(hits.iter().map(|hit| target.world_hit(hit).instance)),
                 None => column.extend(iter::repeat_n(0, hits.len())),
             }

@@ -396,7 +396,7 @@ impl Mesh {
 
 impl RayQueries for Mesh {
     fn target(&self) -> Target<'_> {
-        Target { tracers: &self.tracers, firsts: None, center: self.center }
+        Target { tracers: &self.tracers, starts: None, center: self.center }
     }
 }
 

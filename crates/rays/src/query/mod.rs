@@ -52,6 +52,7 @@ mod columns;
 mod crossings;
 mod hemispheres;
 mod huge_vectors;
+mod instance_starts;
 mod lists;
 mod mesh;
 mod nearest;

@@ -1,6 +1,7 @@
 //! Queries that meshes and worlds have in common.
 
 use super::columns::{ColumnWriter, HitColumns};
+use super::instance_starts::InstanceStarts;
 use super::lists::{HitListColumns, HitLists};
 use super::points::{NearestColumns, Points};
 use super::rays::{PreparedRay, Rays, Rule};
@@ -26,7 +27,7 @@ const SUMMED_AT_ONCE: usize = 4096;
 pub struct Target<'a> {
     pub(super) tracers: &'a TreeTracers,
     /// The first primitive id of each instance of a world, and the number of all.
-    pub(super) firsts: Option<&'a [u32]>,
+    pub(super) starts: Option<&'a InstanceStarts>,
     /// Subtracted from the caller's coordinates.
     pub(super) center: DVec3,
 }
@@ -161,9 +162,9 @@ impl Target<'_> {
         if primitive == MISS {
             return WorldHit::NONE;
         }
-        let Some(firsts) = self.firsts else { return WorldHit { t, u, v, instance: 0, primitive } };
-        let instance = firsts.partition_point(|&first| first <= primitive) - 1;
-        WorldHit { t, u, v, instance: instance as u32, primitive: primitive - firsts[instance] }
+        let Some(starts) = self.starts else { return WorldHit { t, u, v, instance: 0, primitive } };
+        let (first, instance) = starts.owner(primitive);
+        WorldHit { t, u, v, instance, primitive: primitive - first }
     }
 
     /// A number of the triangle that is hit.

@@ -1,5 +1,6 @@
 //! Meshes at many places, which answer ray queries together.
 
+use super::instance_starts::InstanceStarts;
 use super::mesh::{Mesh, normal};
 use super::shares::{answers, in_shares};
 use super::target::{RayQueries, Target};
@@ -57,7 +58,7 @@ struct Instance {
 struct Built {
     tracers: TreeTracers,
     /// The first primitive id of each instance in the tree, and the number of all. Those that cannot be hit have none.
-    firsts: Vec<u32>,
+    starts: InstanceStarts,
 }
 
 impl Instance {
@@ -333,17 +334,16 @@ impl World {
     /// The tree, which is built if it is not.
     fn built(&self) -> &Built {
         self.built.get_or_init(|| {
-            let (mut placed, mut firsts, mut first) = (Vec::new(), Vec::new(), 0);
-            for instance in &self.instances {
-                firsts.push(first);
-                if let Some(mesh) = instance.hittable() {
-                    placed.push(TreeInstance::placed_roughly(mesh.bvh().clone(), instance.placement, first));
-                    first += mesh.triangle_count() as u32;
-                }
-            }
-            firsts.push(first);
-            let bvh = Arc::new(Bvh::from_instances(placed));
-            Built { tracers: TreeTracers::new(bvh, SimdLevel::detect()), firsts }
+            let meshes = || self.instances.iter().map(Instance::hittable);
+            let starts =
+                InstanceStarts::new(meshes().map(|mesh| mesh.map_or(0, Mesh::triangle_count) as u32));
+            let placed =
+                self.instances.iter().zip(meshes()).enumerate().filter_map(|(at, (instance, mesh))| {
+                    let (tree, first) = (mesh?.bvh().clone(), starts.ids(at).start);
+                    Some(TreeInstance::placed_roughly(tree, instance.placement, first))
+                });
+            let bvh = Arc::new(Bvh::from_instances(placed.collect()));
+            Built { tracers: TreeTracers::new(bvh, SimdLevel::detect()), starts }
         })
     }
 
@@ -427,9 +427,9 @@ impl World {
     /// # Panics
     /// If there is no such instance or primitive.
     pub fn corners(&self, instance: u32, primitive: u32) -> [Vec3; 3] {
-        let (at, firsts) = (instance as usize, &self.built().firsts);
-        let in_tree = firsts[at] + primitive;
-        assert!(in_tree < firsts[at + 1], "instance {instance} has no primitive {primitive}");
+        let ids = self.built().starts.ids(instance as usize);
+        let in_tree = ids.start + primitive;
+        assert!(in_tree < ids.end, "instance {instance} has no primitive {primitive}");
         self.tracers().bvh().corners(in_tree)
     }
 
@@ -448,17 +448,15 @@ impl World {
         if primitive == MISS {
             return WorldHit::NONE;
         }
-        let firsts = &self.built().firsts;
-        let instance = firsts.partition_point(|&first| first <= primitive) - 1;
-        let primitive = primitive - firsts[instance];
-        WorldHit { t, u, v, instance: instance as u32, primitive }
+        let (first, instance) = self.built().starts.owner(primitive);
+        WorldHit { t, u, v, instance, primitive: primitive - first }
     }
 }
 
 impl RayQueries for World {
     fn target(&self) -> Target<'_> {
-        let Built { tracers, firsts } = self.built();
-        Target { tracers, firsts: Some(firsts), center: DVec3::ZERO }
+        let Built { tracers, starts } = self.built();
+        Target { tracers, starts: Some(starts), center: DVec3::ZERO }
     }
 }
 

@@ -93,7 +93,7 @@ fn a_million_answers_have_one_hash_at_every_level() {
     let rays = Rays::Rows(&rows, Range::default());
     for level in SimdLevel::available() {
         let tracers = TreeTracers::new(mesh.bvh().clone(), level);
-        let target = Target { tracers: &tracers, firsts: None, center: DVec3::ZERO };
+        let target = Target { tracers: &tracers, starts: None, center: DVec3::ZERO };
         for (rule, expected) in [(Rule::Closed, CLOSED), (Rule::HalfOpen, HALF_OPEN)] {
             let answers = pool(2).install(|| Answers::of(target, &rays, rule));
             assert!(answers.t.iter().filter(|t| t.is_finite()).count() > 100_000);

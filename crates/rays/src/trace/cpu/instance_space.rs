@@ -5,6 +5,7 @@
 //! triangles, to the bit ([`Placement`]).
 
 use super::lane_math::LaneVec3;
+use super::moved_nodes::MovedNodes;
 use super::slabs::Boxes;
 use crate::bvh::{LeafBlock, WIDTH, WideNode};
 use crate::geom::Placement;
@@ -15,8 +16,19 @@ pub(super) type Corners = [[[f32; WIDTH]; 3]; 3];
 
 /// Reads nodes and blocks of a tree in world space.
 pub(super) trait Space: Copy {
+    /// True if the boxes of leaf blocks are the smallest around their triangles.
+    const HAS_TIGHT_BLOCKS: bool;
+
     /// The boxes of a node in world space; those of vacant slots are inverted. Moved boxes are written to `buffer`.
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes;
+    /// [`Space::boxes`] of two nodes, given with their indices. Moved boxes are kept in `moved`, or in `spare`.
+    fn boxes_of_pair<'a, E: Lanes>(
+        self,
+        e: E,
+        nodes: [(usize, &'a WideNode); 2],
+        moved: &'a mut MovedNodes,
+        spare: &'a mut Boxes,
+    ) -> [&'a Boxes; 2];
     /// The corners of two blocks, one block in each eight lanes. With eight lanes only the first block counts.
     fn corners<L: Lanes>(self, l: L, blocks: &[LeafBlock<'_>; 2]) -> [LaneVec3<L>; 3];
     /// A point in world space.
@@ -34,9 +46,22 @@ pub(super) trait Space: Copy {
 pub(super) struct World;
 
 impl Space for World {
+    const HAS_TIGHT_BLOCKS: bool = true;
+
     #[inline(always)]
     fn boxes<'a, E: Lanes>(self, _: E, node: &'a WideNode, _: &'a mut Boxes) -> &'a Boxes {
         &node.faces
+    }
+
+    #[inline(always)]
+    fn boxes_of_pair<'a, E: Lanes>(
+        self,
+        _: E,
+        nodes: [(usize, &'a WideNode); 2],
+        _: &'a mut MovedNodes,
+        _: &'a mut Boxes,
+    ) -> [&'a Boxes; 2] {
+        [&nodes[0].1.faces, &nodes[1].1.faces]
     }
 
     #[inline(always)]
@@ -98,6 +123,8 @@ fn face<E: Lanes>(e: E, row: [f32; 4], low: LaneVec3<E>, high: LaneVec3<E>) -> E
 }
 
 impl Space for InstanceSpace<'_> {
+    const HAS_TIGHT_BLOCKS: bool = false;
+
     #[cfg_attr(not(unoptimised), inline(always))]
     fn boxes<'a, E: Lanes>(self, e: E, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes {
         let [x, y, z] = self.placement.rows;
@@ -122,6 +149,27 @@ impl Space for InstanceSpace<'_> {
             ],
         );
         buffer
+    }
+
+    #[inline(always)]
+    fn boxes_of_pair<'a, E: Lanes>(
+        self,
+        e: E,
+        nodes: [(usize, &'a WideNode); 2],
+        moved: &'a mut MovedNodes,
+        spare: &'a mut Boxes,
+    ) -> [&'a Boxes; 2] {
+        let [(a, first), (b, second)] = nodes;
+        if let Some(boxes) = moved.vacant(a) {
+            self.boxes(e, first, boxes);
+        }
+        if MovedNodes::collide(a, b) {
+            return [moved.boxes(a), self.boxes(e, second, spare)];
+        }
+        if let Some(boxes) = moved.vacant(b) {
+            self.boxes(e, second, boxes);
+        }
+        [moved.boxes(a), moved.boxes(b)]
     }
 
     #[inline(always)]

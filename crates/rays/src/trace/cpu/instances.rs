@@ -51,6 +51,7 @@ pub(super) unsafe fn traverse<W: Lanes, E: Lanes>(
                 match &instance.placement {
                     None => visits.visit_all(World, &sub, octant, local),
                     Some(placement) => {
+                        local.moved.begin_visit();
                         let space = InstanceSpace::new(placement, instance.first_primitive, octant);
                         visits.visit_all(space, &sub, octant, local);
                     }

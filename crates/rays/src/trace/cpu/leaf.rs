@@ -8,7 +8,8 @@
 use super::instance_space::{Space, splat_triangle};
 use super::lane_math::LaneVec3;
 use super::pair_stack::{BLOCK_BATCH, splat_id_pair};
-use super::slabs::Slabs;
+use super::ray_lists::ListVector;
+use super::slabs::{Boxes, Faces, Slabs};
 use super::substream::{OctantStack, SubStream, Widths, prefetch_rows};
 use super::triangle::{
     Bounds, BoundsFaces, EdgeValues, LaneHits, Limits, Lines, hits_inside, relative_corners, test,
@@ -33,12 +34,17 @@ pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
     sub: &SubStream<'_>,
     block: LeafBlock<'_>,
     octant: usize,
-    list: *const u32,
-    len: usize,
+    list: *mut u32,
+    mut len: usize,
 ) -> u32 {
     let Widths { wide: w, eight: e } = widths;
     let corners = space.corners(e, &[block; 2]);
     let BoundsFaces { near, far } = Bounds::of(e, &corners).faces(octant);
+    if !S::HAS_TIGHT_BLOCKS {
+        let boxes = union_box(e, &near, &far, block.len(), octant);
+        // SAFETY: the caller's contract.
+        len = unsafe { keep_entering(w, sub, &Faces::new(&boxes, 0), list, len) };
+    }
     let (near, far) = (keep(e, near), keep(e, far));
     let corners = [keep(e, corners[0]), keep(e, corners[1]), keep(e, corners[2])];
     let mut edges = [const { MaybeUninit::<EdgeValues<W>>::uninit() }; WIDTH];
@@ -116,6 +122,45 @@ pub(super) unsafe fn test_list<W: Lanes, E: Lanes, S: Space, const ANY: bool>(
         unsafe { nearest.record::<ANY>(w, sub, ids) };
     }
     done
+}
+
+/// The box around the first `len` of eight boxes, in all slots, from their near and far faces for rays of `octant`. Its
+/// near faces come first.
+#[inline(always)]
+fn union_box<E: Lanes>(e: E, near: &LaneVec3<E>, far: &LaneVec3<E>, len: usize, octant: usize) -> Boxes {
+    let among = (1 << len) - 1;
+    let mut union = [[[0.0; WIDTH]; 3]; 2];
+    for axis in 0..3 {
+        let (inf, minus) = (e.splat(f32::INFINITY), e.splat(f32::NEG_INFINITY));
+        let (near, far) = if octant >> axis & 1 == 0 {
+            (e.lowest(e.select(among, near[axis], inf)), e.highest(e.select(among, far[axis], minus)))
+        } else {
+            (e.highest(e.select(among, near[axis], minus)), e.lowest(e.select(among, far[axis], inf)))
+        };
+        (union[0][axis], union[1][axis]) = ([near; WIDTH], [far; WIDTH]);
+    }
+    union
+}
+
+/// Removes the rays from a list that do not enter the box in slot 0, and returns its new length.
+///
+/// # Safety
+/// `list` is a list of `len` ids (invariants 1 and 2).
+#[cfg_attr(not(unoptimised), inline(always))]
+unsafe fn keep_entering<W: Lanes>(
+    w: W,
+    sub: &SubStream<'_>,
+    faces: &Faces<'_>,
+    list: *mut u32,
+    len: usize,
+) -> usize {
+    let mut end = list;
+    for at in (0..len).step_by(W::LANES) {
+        // SAFETY: invariants 1 and 2; what is written lies before what is read next.
+        unsafe { ListVector::load::<true>(w, sub, list, at, len).append_entering(w, faces, 0, &mut end) };
+    }
+    // SAFETY: both point into the list.
+    unsafe { end.offset_from_unsigned(list) }
 }
 
 /// The nearest hits of rays in lanes with the triangles of a block that are not recorded yet.

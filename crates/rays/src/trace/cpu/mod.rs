@@ -49,6 +49,7 @@ mod interval;
 #[doc(hidden)]
 pub mod lane_math;
 mod leaf;
+mod moved_nodes;
 mod oracle;
 mod packet;
 mod pair_stack;

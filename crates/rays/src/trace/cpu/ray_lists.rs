@@ -69,7 +69,7 @@ impl<W: Lanes, E: Lanes, S: Space, const ANY: bool> RayVisitor<'_, W, E, S, ANY>
         unsafe {
             if entry.child.is_block() {
                 let block = sub.tree.block(entry.child);
-                let list = stack.arena.as_ptr().add(entry.start as usize);
+                let list = stack.arena.as_mut_ptr().add(entry.start as usize);
                 let len = entry.len as usize;
                 let done = leaf::test_list::<W, E, S, ANY>(widths, space, sub, block, octant, list, len);
                 stack.done = stack.done.wrapping_add(done);
@@ -173,7 +173,7 @@ pub(super) unsafe fn visit_node<W: Lanes, E: Lanes, S: Space, const PAIRS: bool>
 }
 
 /// The rays of one vector of ids in a list.
-struct ListVector<W: Lanes> {
+pub(super) struct ListVector<W: Lanes> {
     among: LaneBits,
     ids: W::I,
     slabs: Slabs<W>,
@@ -187,7 +187,7 @@ impl<W: Lanes> ListVector<W> {
     /// # Safety
     /// `list` is a list of `len` ids, more than `at` (invariants 1 and 2).
     #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn load<const SLACK: bool>(
+    pub unsafe fn load<const SLACK: bool>(
         w: W,
         sub: &SubStream<'_>,
         list: *const u32,
@@ -215,7 +215,7 @@ impl<W: Lanes> ListVector<W> {
     /// # Safety
     /// `end` is good for writing an id for each lane (invariant 7).
     #[inline(always)]
-    unsafe fn append_entering(&self, w: W, faces: &Faces<'_>, slot: usize, end: &mut *mut u32) {
+    pub unsafe fn append_entering(&self, w: W, faces: &Faces<'_>, slot: usize, end: &mut *mut u32) {
         let inside = self.slabs.enter_box(w, self.among, faces, slot, self.limit);
         // SAFETY: invariant 7.
         unsafe {

@@ -30,7 +30,7 @@ pub(super) unsafe fn visit_nodes<W: Lanes, E: Lanes, S: Space>(
     stack: &mut OctantStack,
 ) {
     let Widths { wide: w, eight: e } = widths;
-    let OctantStack { node_pairs, block_pairs, .. } = stack;
+    let OctantStack { node_pairs, block_pairs, moved, .. } = stack;
     let count = node_pairs.len().min(NODE_BATCH);
     node_pairs.reserve(NODE_BATCH * WIDTH);
     block_pairs.reserve(NODE_BATCH * WIDTH);
@@ -61,12 +61,10 @@ pub(super) unsafe fn visit_nodes<W: Lanes, E: Lanes, S: Space>(
             splat_eights(w, [a.shift, b.shift]),
             w.splat_eights([a.slack, b.slack]),
         );
-        let mut buffers = [[[[0.0; WIDTH]; 3]; 2]; 2];
-        let [first, second] = &mut buffers;
-        let faces = [
-            Faces::new(space.boxes(e, nodes[0], first), octant),
-            Faces::new(space.boxes(e, nodes[1], second), octant),
-        ];
+        let mut spare = [[[0.0; WIDTH]; 3]; 2];
+        let of_pair = [(first.index(), nodes[0]), (second.index(), nodes[1])];
+        let boxes = space.boxes_of_pair(e, of_pair, moved, &mut spare);
+        let faces = [Faces::new(boxes[0], octant), Faces::new(boxes[1], octant)];
         let among = first_lanes::<W>(WIDTH * (count - i));
         let entered = among & slabs.enter_boxes(w, &faces, w.splat_eights([a.limit, b.limit]));
         let children = load_eights(w, both(nodes, |node| bytemuck::cast_ref(&node.children)));

@@ -14,6 +14,7 @@
 //! 6. Both arrays of a `PairStack` hold its pairs and as much as was reserved beyond them (see `pair_stack`).
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::moved_nodes::MovedNodes;
 use super::pair_stack::{BLOCK_BATCH, MIN_BLOCK_PAIRS, MIN_NODE_PAIRS, PairStack};
 use super::shaft::Shafts;
 use super::tree_view::TreeView;
@@ -83,6 +84,8 @@ pub(super) struct OctantStack {
     pub block_pairs: PairStack,
     /// Triangles whose interior a ray's line passes through, to be tested further (invariant 5).
     pub candidates: PairStack,
+    /// For pairs in the tree of an instance.
+    pub moved: MovedNodes,
     /// Number of rays found occluded, in all sub-streams so far; wraps around.
     pub done: u32,
 }
