@@ -118,7 +118,7 @@ impl Scene {
     /// the corners of triangles, `(f, 3, 3)`, or a `Mesh`. `material` is a `Material`, which several objects may
     /// share, or a dictionary of its values, whose name is then the object's; without one it is matte, grey or of the
     /// colours, and named "default". `transform` moves the object, `(4, 4)` or `(3, 4)`; `(n, 4, 4)` shows it n
-    /// times, as instances.
+    /// times: layers name the instances NAME/0, NAME/1 and so on.
     ///
     /// `normals`, `(v, 3)`, are interpolated (flat triangles without them; 0 for a vertex that has none); `colours`,
     /// `(v, 3)` or `(v, 4)`, linear, 0 to 1, multiply the material's colour and, if there is a fourth column, its

@@ -105,6 +105,7 @@ class Objects(unittest.TestCase):
         self.assertEqual(together.triangle_count, 2 + 5 * len(faces))
         seen = set(np.unique(pictures[0]["instance"])) - {4294967295}
         self.assertEqual(seen, {0, 1, 2, 3, 4})
+        self.assertEqual(pictures[0].names["object"], ["wall", *(f"balls/{number}" for number in range(5))])
 
     def test_threads_add_to_one_scene(self):
         scene, refused = rs.Scene(), []

@@ -257,7 +257,7 @@ impl Assembly {
         })
     }
 
-    /// The scene: its objects are the parts, those of several instances once for each, in their order. Colours of
+    /// The scene: its objects are the parts, in their order; one of several instances is NAME/0, NAME/1, .. Colours of
     /// vertices multiply the base colour of their material; their alpha counts where it is below 1.
     ///
     /// # Errors
@@ -343,8 +343,13 @@ impl Assembly {
         let mut instances = [Vec::new(), Vec::new()];
         for (index, transform) in part.transforms.iter().enumerate() {
             let (first, base) = (mesh.triangles.len() as u32, mesh.positions.len());
-            let object = objects
-                .add(Object { instance: has_several.then_some(index as u32), ..Object::new(&part.name) });
+            let object = match has_several {
+                true => {
+                    Object { instance: Some(index as u32), ..Object::new(format!("{}/{index}", part.name)) }
+                }
+                false => Object::new(&part.name),
+            };
+            let object = objects.add(object);
             objects.assign(first, object);
             objects.place(object, transform);
             let (placement, bend) = (Placement::new(transform), Bend::new(transform));
@@ -476,7 +481,7 @@ mod tests {
         assert_eq!((scene.mesh.uv_set(1).len(), scene.mesh.uv_set(2)[3]), (16, Vec2::X));
         assert_eq!(scene.mesh.triangles[7], [12, 14, 15]);
         let owners = [0, 2, 7].map(|primitive| scene.objects.of(primitive).expect("an object"));
-        assert_eq!(owners.map(|owner| scene.objects.path(owner)), ["rich", "poor", "poor"]);
+        assert_eq!(owners.map(|owner| scene.objects.path(owner)), ["rich", "poor/0", "poor/2"]);
         assert_eq!(
             owners.map(|owner| scene.objects.get(owner).expect("one").instance),
             [None, Some(0), Some(2)]

@@ -8,6 +8,7 @@ use super::shares::answers;
 use super::target::{RayQueries, Target};
 use super::tree_tracers::TreeTracers;
 use crate::bvh::{Bvh, GeometryError};
+use crate::geom::MAX_COORDINATE;
 use crate::stream::{Hit, Ray};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use glam::{DVec3, Vec3};
@@ -470,14 +471,15 @@ fn recentred(positions: &[[f64; 3]]) -> (DVec3, Vec<Vec3>) {
     (center, positions.par_iter().with_min_len(CONVERTED_AT_ONCE).map(relative).collect())
 }
 
-/// An error of recentred positions that tells the caller's coordinates.
+/// An error of recentred positions that tells the caller's coordinates. A vertex that is no number, or far away, moves
+/// the middle, so that others are out of range; it is the one that is named.
 fn at_the_callers(error: GeometryError, positions: &[[f64; 3]]) -> GeometryError {
-    match error {
-        GeometryError::Position { vertex, .. } => {
-            GeometryError::Position { vertex, at: DVec3::from_array(positions[vertex]).as_vec3() }
-        }
-        error => error,
-    }
+    let GeometryError::Position { vertex, .. } = error else { return error };
+    let mut points = positions.iter().copied().map(DVec3::from_array);
+    let is_far = |point: DVec3| point.abs().max_element() > f64::from(MAX_COORDINATE);
+    let wrong = points.clone().position(|point| !point.is_finite()).or_else(|| points.position(is_far));
+    let vertex = wrong.unwrap_or(vertex);
+    GeometryError::Position { vertex, at: DVec3::from_array(positions[vertex]).as_vec3() }
 }
 
 /// The unit normal of a triangle; zero if it has none.
