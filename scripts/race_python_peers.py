@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Races the wheel beside embreex, Open3D and Warp: one process, the same arrays, CPU time, rounds that interleave.
+"""Races the wheel beside embreex, Open3D, Warp and MuJoCo: one process, the same arrays, CPU time, rounds that
+interleave.
 
 scripts/race_python_peers.py [MESH..] [--threads 1 2] [--only QUESTION]..  The interpreter has raystream, embreex,
-Open3D, Warp (on the CPU, which is one thread), and trimesh, which reads the meshes. Without any, three are generated.
-Prints tables for docs/results/python.md.
+Open3D, Warp (on the CPU, which is one thread), MuJoCo, and trimesh, which reads the meshes. Without any, three are
+generated. On two threads embreex and MuJoCo run in a pool, each on its share of the rays. Prints tables for
+docs/results/python.md.
 """
 
 import argparse
+import itertools
 import math
 import os
 import statistics
@@ -17,6 +20,7 @@ from pathlib import Path
 # One thread means one: libraries with pools of their own are told before they are loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import mujoco_peer
 import numpy as np
 import open3d
 import raystream
@@ -26,6 +30,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 SECONDS = 0.4  # of a measurement, at least
+CHUNK = 65_536  # rays of a task of embreex's pool
+FEW = 4096  # rays that are not worth a pool
 
 
 class Peers:
@@ -48,9 +54,10 @@ class Peers:
 def embree_run(peers, pool, threads, rays, **keywords):
     """embreex on one thread, or in a thread pool over chunks."""
     origins, directions = rays
-    if threads == 1:
+    if threads == 1 or len(origins) < FEW:
         return lambda: peers.embree.run(origins, directions, **keywords)
-    parts = [slice(start, start + 65_536) for start in range(0, len(origins), 65_536)]
+    length = min(CHUNK, math.ceil(len(origins) / threads))
+    parts = [slice(start, start + length) for start in range(0, len(origins), length)]
     run = lambda part: peers.embree.run(origins[part], directions[part], **keywords)  # noqa: E731
     return lambda: list(pool.map(run, parts))
 
@@ -62,12 +69,11 @@ def questions(peers, rays, points, threads, pool):
     warp = lambda name, call: {name: call} if threads == 1 else {}  # noqa: E731
     ours, scene, n = peers.ours, peers.scenes[threads], threads
     run = lambda **keywords: embree_run(peers, pool, n, (origins, directions), **keywords)  # noqa: E731
-    few = [rays[:1], rays[:100], rays[:10_000]]
-    for some in few if threads == 1 else []:
+    for some in rays[:1], rays[:100], rays[:10_000]:
         one, other, count = open3d.core.Tensor(some), (some[:, :3].copy(), some[:, 3:].copy()), len(some)
         yield f"cast, {count} ray" + "s" * (count > 1), {
             "raystream": lambda some=some: ours.cast(some, threads=n),
-            "embreex": lambda other=other: peers.embree.run(*other, output=1),
+            "embreex": embree_run(peers, pool, n, other, output=1),
             "Open3D": lambda one=one: scene.cast_rays(one, nthreads=n),
         }
     yield "cast, t primitive", {
@@ -109,8 +115,8 @@ def questions(peers, rays, points, threads, pool):
     }
 
 
-def lidar():
-    """A lidar of 64 x 1024 rays over 100 rings that move a little before each turn: ours, and Warp's two ways."""
+def lidar(threads, pool):
+    """A lidar of 64 x 1024 rays over 100 rings that move a little before each turn: ours, Warp's two ways, MuJoCo's."""
     ring = trimesh.creation.torus(1.0, 0.4, major_sections=64, minor_sections=32)
     rng, frames = np.random.default_rng(2), []
     vertices, faces = np.float32(ring.vertices), ring.faces
@@ -125,22 +131,28 @@ def lidar():
     rays = raystream.rays.lidar(*angles, np.eye(4)).reshape(-1, 6)
     world, mesh = raystream.World(), raystream.Mesh(vertices, faces)
     ids = [world.add(mesh, transform) for transform in frames[0]]
-    turned = iter(frames * 10_000)
+    simulated = mujoco_peer.World(vertices, faces, len(ids), rays, pool, threads)
+    poses = [mujoco_peer.poses(transforms) for transforms in frames]
+    turned, posed = itertools.cycle(frames), itertools.cycle(poses)
 
     def ours():
         world.set_transforms(ids, next(turned))
-        return world.cast(rays, threads=1)
+        return world.cast(rays, threads=threads)
 
-    def theirs(peer):
+    def warp(peer):
         peer.move(next(turned))
         return peer.cast(rays)
 
-    refitted, rebuilt = (warp_peer.World(vertices, faces, frames[0], rebuilds) for rebuilds in (False, True))
-    return {
-        "raystream": ours,
-        "Warp, refitted": lambda: theirs(refitted),
-        "Warp, rebuilt": lambda: theirs(rebuilt),
-    }
+    # They answer the same question: ours and MuJoCo's distances, once.
+    world.set_transforms(ids, frames[0])
+    found, other = world.cast(rays).t, simulated.cast(poses[0])
+    agree = np.abs(np.where(np.isinf(found), -1, found) - other) < 1e-3
+    assert agree.mean() > 0.999 and (other > 0).mean() > 0.1, (agree.mean(), (other > 0).mean())
+    calls = {"raystream": ours, "MuJoCo": lambda: simulated.cast(next(posed))}
+    if threads == 1:
+        refitted, rebuilt = (warp_peer.World(vertices, faces, frames[0], rebuilds) for rebuilds in (False, True))
+        calls |= {"Warp, refitted": lambda: warp(refitted), "Warp, rebuilt": lambda: warp(rebuilt)}
+    return calls
 
 
 def cpu_seconds(call, repeats):
@@ -228,12 +240,14 @@ def main():
                     print(f"{what}: {1e6 * ours:.1f} us; {others}", flush=True)
                     for peer, time_ in seconds.items():
                         ratios.setdefault((question, threads, peer), []).append(time_ / ours)
-    if asked("lidar"):
-        seconds = race(lidar(), arguments.rounds)
+    for threads in arguments.threads if asked("lidar") else []:
+        seconds = race(lidar(threads, pool), arguments.rounds)
         ours = seconds.pop("raystream")
         others = ", ".join(f"{peer} {time / ours:.2f}" for peer, time in seconds.items())
-        print(f"100 rings, 1: lidar: {1e6 * ours:.1f} us; {others}", flush=True)
-        ratios["lidar", 1, "Warp"] = [min(seconds.values()) / ours]
+        print(f"100 rings, {threads}: lidar: {1e6 * ours:.1f} us; {others}", flush=True)
+        ratios["lidar", threads, "MuJoCo"] = [seconds.pop("MuJoCo") / ours]
+        if seconds:
+            ratios["lidar", threads, "Warp"] = [min(seconds.values()) / ours]
     print("\n| question | threads | peer | peer's CPU time / ours, mean | least |\n|---|---:|---|---:|---:|")
     for (question, threads, peer), found in ratios.items():
         print(f"| {question} | {threads} | {peer} | {statistics.geometric_mean(found):.2f} | {min(found):.2f} |")

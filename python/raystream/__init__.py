@@ -13,11 +13,13 @@ Picture(32x24)
 from . import rays
 from ._raystream import (
     Hits,
+    Material,
     Mesh,
     Picture,
     Queries,
     Rendering,
     Scene,
+    Texture,
     World,
     __version__,
     info,
@@ -30,11 +32,13 @@ from ._raystream import (
 # Without `open`: `from raystream import *` leaves the built-in one.
 __all__ = [
     "Hits",
+    "Material",
     "Mesh",
     "Picture",
     "Queries",
     "Rendering",
     "Scene",
+    "Texture",
     "World",
     "__version__",
     "info",

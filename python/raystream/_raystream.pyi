@@ -16,6 +16,7 @@ _Want = str | Sequence[str]
 _Out = Mapping[str, NDArray[Any]] | Hits
 _Path = str | PathLike[str]
 _Scene = _Path | Scene | Mesh | dict[str, Any]
+_Wrap = Literal["repeat", "mirror", "clamp"]
 _Progress = Callable[[float], object]
 
 def info() -> dict[str, Any]: ...
@@ -220,16 +221,59 @@ class World(Queries):
     def set_mesh(self, ids: ArrayLike, mesh: Mesh) -> None: ...
     def set_transforms(self, ids: ArrayLike, transforms: ArrayLike) -> None: ...
 
+class Texture:
+    def __init__(
+        self,
+        pixels: ArrayLike | Texture,
+        *,
+        wrap: _Wrap | tuple[_Wrap, _Wrap] | None = None,
+        uv: int = 0,
+        offset: tuple[float, float] = (0.0, 0.0),
+        rotation_degrees: float = 0.0,
+        scale: tuple[float, float] = (1.0, 1.0),
+    ) -> None: ...
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def pixels(self) -> NDArray[Any]: ...
+
+class Material:
+    def __init__(self, name: str, /, **values: Any) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def values(self) -> dict[str, Any]: ...
+
 class Scene:
     def __init__(
         self,
-        vertices: ArrayLike,
-        faces: ArrayLike,
+        vertices: ArrayLike | Mesh | None = None,
+        faces: ArrayLike | None = None,
         *,
+        name: str = "mesh",
+        material: Material | dict[str, Any] | None = None,
+        transform: ArrayLike | None = None,
         normals: ArrayLike | None = None,
         colours: ArrayLike | None = None,
         uvs: ArrayLike | None = None,
     ) -> None: ...
+    def add(
+        self,
+        vertices: ArrayLike | Mesh,
+        faces: ArrayLike | None = None,
+        *,
+        name: str | None = None,
+        material: Material | dict[str, Any] | None = None,
+        transform: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+        colours: ArrayLike | None = None,
+        uvs: ArrayLike | None = None,
+    ) -> None: ...
+    def __len__(self) -> int: ...
+    @property
+    def objects(self) -> list[str]: ...
+    @property
+    def materials(self) -> list[str]: ...
     @property
     def triangle_count(self) -> int: ...
     @property

@@ -41,6 +41,10 @@ impl Named for u32 {
     const NAME: &'static str = "uint32";
 }
 
+impl Named for u8 {
+    const NAME: &'static str = "uint8";
+}
+
 /// The module of NumPy.
 pub fn numpy(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     static NUMPY: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
@@ -79,9 +83,8 @@ pub fn exactly<'py, T: Element>(value: &Bound<'py, PyAny>) -> Option<Numbers<'py
 /// # Errors
 /// For numbers with a fraction, and as for [`numbers`].
 pub fn integers<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Numbers<'py, i64>> {
-    let given = numpy(value.py())?.call_method1(intern!(value.py(), "asarray"), (value,))?;
+    let (given, kind) = of_any_kind(value)?;
     let is_empty = given.getattr(intern!(value.py(), "size"))?.extract::<usize>()? == 0;
-    let kind: char = given.getattr(intern!(value.py(), "dtype"))?.getattr("kind")?.extract()?;
     if !matches!(kind, 'i' | 'u') && !is_empty {
         return Err(PyTypeError::new_err(format!("{name} must be integers")));
     }
@@ -93,17 +96,32 @@ fn converted<'py>(
     value: &Bound<'py, PyAny>,
     kind: &str,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let py = numpy.py();
-    let is_array = value.cast::<numpy::PyUntypedArray>().is_ok();
-    let array = if !is_array && value.hasattr(intern!(py, "__dlpack__"))? {
-        numpy.call_method1(intern!(py, "from_dlpack"), (value,))?
-    } else {
-        value.clone()
-    };
+    let (py, array) = (numpy.py(), taken(numpy, value)?);
     let keywords = PyDict::new(py);
     keywords.set_item(intern!(py, "dtype"), kind)?;
     keywords.set_item(intern!(py, "order"), "C")?;
     numpy.call_method(intern!(py, "asarray"), (array,), Some(&keywords))
+}
+
+/// An array of another library as NumPy's; anything else as it is.
+fn taken<'py>(numpy: &Bound<'py, PyModule>, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let py = numpy.py();
+    let is_array = value.cast::<numpy::PyUntypedArray>().is_ok();
+    if !is_array && value.hasattr(intern!(py, "__dlpack__"))? {
+        return numpy.call_method1(intern!(py, "from_dlpack"), (value,));
+    }
+    Ok(value.clone())
+}
+
+/// An argument as an array of its own kind of number, and the kind's character in NumPy.
+///
+/// # Errors
+/// As NumPy's.
+pub fn of_any_kind<'py>(value: &Bound<'py, PyAny>) -> PyResult<(Bound<'py, PyAny>, char)> {
+    let (py, numpy) = (value.py(), numpy(value.py())?);
+    let array = numpy.call_method1(intern!(py, "asarray"), (taken(numpy, value)?,))?;
+    let kind = array.getattr(intern!(py, "dtype"))?.getattr(intern!(py, "kind"))?.extract()?;
+    Ok((array, kind))
 }
 
 fn of_argument(name: &str, error: &dyn std::fmt::Display) -> PyErr {

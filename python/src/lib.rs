@@ -12,7 +12,9 @@
 //! | `calls` | questions: arguments in, answers out |
 //! | `queries`, `mesh`, `world` | classes |
 //! | `target` | a mesh or a world at the time of a call |
-//! | `spec`, `scene`, `rendering`, `picture` | render specs, scenes in memory, pictures |
+//! | `spec`, `rendering`, `picture` | render specs, pictures |
+//! | `scene`, `material`, `texture` | scenes in memory |
+//! | `guarded` | values that calls of several threads read and change |
 //! | `errors`, `warnings` | errors and warnings of the engine as Python's |
 //! | `threads` | threads of this process, forks, interrupts |
 
@@ -21,6 +23,8 @@ mod arrays;
 mod calls;
 mod columns;
 mod errors;
+mod guarded;
+mod material;
 mod memory;
 mod mesh;
 mod picture;
@@ -30,6 +34,7 @@ mod rendering;
 mod scene;
 mod spec;
 mod target;
+mod texture;
 mod threads;
 mod warnings;
 mod world;
@@ -71,6 +76,8 @@ fn _raystream(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<picture::Picture>()?;
     module.add_class::<rendering::Rendering>()?;
     module.add_class::<scene::Scene>()?;
+    module.add_class::<material::Material>()?;
+    module.add_class::<texture::Texture>()?;
     module.add_class::<queries::Queries>()?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<world::World>()?;

@@ -38,13 +38,17 @@ use std::sync::Arc;
 pub struct Mesh {}
 
 /// Vertices and faces of arguments.
-struct Geometry {
-    vertices: Vertices,
-    faces: Vec<[u32; 3]>,
+pub struct Geometry {
+    pub vertices: Vertices,
+    pub faces: Vec<[u32; 3]>,
 }
 
 impl Geometry {
-    fn new(vertices: &Bound<'_, PyAny>, faces: Given<'_, '_>) -> PyResult<Self> {
+    /// Reads `vertices` with `faces`, or corners of triangles without.
+    ///
+    /// # Errors
+    /// For other shapes.
+    pub fn new(vertices: &Bound<'_, PyAny>, faces: Given<'_, '_>) -> PyResult<Self> {
         let given = Floats::new(vertices, 3, "vertices")?;
         let leading = given.leading(3, "vertices")?;
         let faces = match (faces, leading.as_slice()) {
@@ -147,9 +151,10 @@ impl Mesh {
         Ok(PyClassInitializer::from(Queries::of(Target::Mesh(target))).add_subclass(Self {}))
     }
 
-    /// Moves the vertices, as many as before: several times as fast as a new mesh. Rays become slower to trace as
-    /// neighbouring triangles move away from each other. Calls of other threads that have begun see the mesh as it was.
-    /// float64 vertices are stored relative to a new middle, which takes a new tree.
+    /// Moves the vertices, as many as before: several times as fast as a new mesh, whose answers it gives to the bit.
+    /// Rays become slower to trace as neighbouring triangles move away from each other. Calls of other threads that
+    /// have begun see the mesh as it was. float64 vertices are stored relative to the middle of their new box: each
+    /// coordinate is wrong by at most 2**-24 of its distance from the middle.
     #[pyo3(signature = (vertices, *, threads=None))]
     fn refit(slf: &Bound<'_, Self>, vertices: &Bound<'_, PyAny>, threads: Option<usize>) -> PyResult<()> {
         let (py, before) = (slf.py(), Self::of(slf)?);
@@ -167,11 +172,9 @@ impl Mesh {
             .change(|target| {
                 let Target::Mesh(target) = target else { return Ok(()) };
                 threads.run(py, || {
-                    match (&vertices, &target.vertices) {
-                        (Vertices::F32(vertices), Vertices::F32(_)) => {
-                            target.mesh.refit(vertices, &target.faces)?
-                        }
-                        _ => target.mesh = build(&vertices, &target.faces)?,
+                    match &vertices {
+                        Vertices::F32(vertices) => target.mesh.refit(vertices, &target.faces)?,
+                        Vertices::F64(vertices) => target.mesh.refit64(vertices, &target.faces)?,
                     }
                     (target.vertices, target.open_edges) = (vertices, None);
                     Ok(())

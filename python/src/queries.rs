@@ -3,13 +3,13 @@
 use crate::answers::Hits;
 use crate::arrays::numbers;
 use crate::calls::{self, Given, PointCall, RayCall};
+use crate::guarded::Guarded;
 use crate::rays::Rays;
 use crate::target::Target;
 use crate::threads::Threads;
-use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use raystream_rays::query::NearestColumns;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Questions about rays and points, which meshes and worlds answer.
 ///
@@ -21,23 +21,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[pyclass(module = "raystream", frozen, subclass, weakref)]
 #[derive(Debug)]
 pub struct Queries {
-    /// `None` while a thread changes it.
-    target: Mutex<Option<Target>>,
-}
-
-/// Error of a call while another thread changes what it asks.
-fn changing() -> PyErr {
-    PyRuntimeError::new_err("another thread is changing this object")
+    target: Guarded<Target>,
 }
 
 impl Queries {
     /// Of a mesh or a world.
     pub fn of(target: Target) -> Self {
-        Self { target: Mutex::new(Some(target)) }
-    }
-
-    fn locked(&self) -> MutexGuard<'_, Option<Target>> {
-        self.target.lock().unwrap_or_else(PoisonError::into_inner)
+        Self { target: Guarded::new(target) }
     }
 
     /// The mesh or world as it is now. Shares memory with it.
@@ -45,7 +35,7 @@ impl Queries {
     /// # Errors
     /// While another thread changes it.
     pub fn target(&self) -> PyResult<Target> {
-        self.locked().clone().ok_or_else(changing)
+        self.target.now()
     }
 
     /// [`Queries::target`], ready for questions: a world that has changed gets its tree.
@@ -58,11 +48,10 @@ impl Queries {
         if !world.is_built {
             // Not under the lock, which no fork must find held.
             Threads::all()?.run(py, || Arc::make_mut(&mut world).build());
-            if let Some(Target::World(now)) = &mut *self.locked()
-                && now.changes == world.changes
-            {
-                *now = world.clone();
-            }
+            self.target.try_change(|now| match now {
+                Target::World(now) if now.changes == world.changes => *now = world.clone(),
+                _ => {}
+            });
         }
         Ok(Target::World(world))
     }
@@ -72,10 +61,7 @@ impl Queries {
     /// # Errors
     /// While another thread changes it.
     pub fn change<T>(&self, change: impl FnOnce(&mut Target) -> T) -> PyResult<T> {
-        let mut target = self.locked().take().ok_or_else(changing)?;
-        let result = change(&mut target);
-        *self.locked() = Some(target);
-        Ok(result)
+        self.target.change(change)
     }
 }
 

@@ -240,10 +240,10 @@ fn given(given: &Bound<'_, PyAny>, spec: &mut RenderSpec) -> PyResult<Option<sce
         return Err(PyValueError::new_err("the scene is given twice; leave the spec's key scene out"));
     }
     if let Ok(scene) = given.cast::<Scene>() {
-        return Ok(Some(scene.get().scene()));
+        return scene.get().scene(given.py()).map(Some);
     }
     if let Ok(mesh) = given.cast::<Mesh>() {
-        return Ok(Some(Scene::of_mesh(mesh)?.scene()));
+        return Scene::of_mesh(mesh)?.scene(given.py()).map(Some);
     }
     let path: PathBuf = given.extract().map_err(|_| {
         let kind = given.get_type();

@@ -44,15 +44,27 @@ pub fn spec_of(
 /// If Python has no memory.
 pub fn dictionary_of<'py>(py: Python<'py>, spec: &RenderSpec) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(spec).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    py.import("json")?.call_method1("loads", (text,))
+    python_of(py, &text)
 }
 
-fn named(py: Python<'_>, key: &str, error: &PyErr) -> PyErr {
+/// JSON as Python's values.
+///
+/// # Errors
+/// If it is none, or Python has no memory.
+pub fn python_of<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (json,))
+}
+
+/// An error that begins with the name of its argument.
+pub fn named(py: Python<'_>, key: &str, error: &PyErr) -> PyErr {
     PyErr::from_type(error.get_type(py), format!("{key}: {}", error.value(py)))
 }
 
 /// A value as JSON: numbers, also NumPy's, texts, paths, lists, tuples, arrays, dictionaries, None.
-fn json_of(value: &Bound<'_, PyAny>) -> PyResult<Value> {
+///
+/// # Errors
+/// TypeError for values that JSON does not have, ValueError for numbers that are not finite.
+pub fn json_of(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     let py = value.py();
     if value.is_none() {
         return Ok(Value::Null);

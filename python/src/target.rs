@@ -3,7 +3,7 @@
 use crate::calls::Asked;
 use crate::columns::Want;
 use crate::memory::OfInstances;
-use glam::DMat4;
+use glam::{DMat4, Vec3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use raystream_rays::query::{self, VertexNormals};
@@ -73,6 +73,16 @@ pub enum Vertices {
 }
 
 impl Vertices {
+    /// The vertices in `f32`.
+    pub fn rounded(&self) -> Vec<Vec3> {
+        match self {
+            Self::F32(vertices) => vertices.iter().copied().map(Vec3::from).collect(),
+            Self::F64(vertices) => {
+                vertices.iter().map(|vertex| vertex.map(|number| number as f32).into()).collect()
+            }
+        }
+    }
+
     /// Number of vertices.
     pub fn len(&self) -> usize {
         match self {

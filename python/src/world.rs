@@ -229,7 +229,10 @@ fn checked(slf: &Bound<'_, World>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>>
 }
 
 /// Matrices `(4, 4)` or `(3, 4)`, one or several.
-fn matrices(given: &Bound<'_, PyAny>) -> PyResult<Vec<DMat4>> {
+///
+/// # Errors
+/// For other shapes.
+pub fn matrices(given: &Bound<'_, PyAny>) -> PyResult<Vec<DMat4>> {
     let given = numbers::<f64>(given, "transform")?;
     let rows = match *given.shape() {
         [rows, 4] | [_, rows, 4] if rows == 3 || rows == 4 => rows,

@@ -17,7 +17,7 @@ import raystream as rs
 
 PACKAGE = Path(rs.__file__).parent
 CHECKOUT = Path(__file__).resolve().parents[2]
-CLASSES = [rs.Hits, rs.Queries, rs.Mesh, rs.World, rs.Scene, rs.Rendering, rs.Picture]
+CLASSES = [rs.Hits, rs.Queries, rs.Mesh, rs.World, rs.Scene, rs.Material, rs.Texture, rs.Rendering, rs.Picture]
 FUNCTIONS = [rs.info, rs.open, rs.render]
 MODULES = ["raystream", "raystream.rays", "raystream.compat", "raystream.compat.open3d", "raystream.compat.embreex"]
 

@@ -170,6 +170,26 @@ class Answers(unittest.TestCase):
             mesh.refit(broken)
         self.assertEqual(mesh.cast(question).hash(), rs.Mesh(moved, faces).cast(question).hash())
 
+    def test_float64_vertices_are_refitted_around_their_new_middle(self):
+        vertices, faces = icosphere(2)
+        mesh, question, want = rs.Mesh(vertices, faces), rays(3000).astype(np.float64), "t primitive uv position64"
+        for far in ([4e6, -3e6, 2e6], [0, 0, 0], [-7e9, 1e3, 0.1]):
+            moved = vertices.astype(np.float64) * [1, 2, 1.5] + far
+            asked = np.c_[question[:, :3] + far, question[:, 3:]]
+            mesh.refit(moved)
+            fresh = rs.Mesh(moved, faces)
+            hits = mesh.cast(asked, want=want)
+            self.assertEqual(hits.hash(), fresh.cast(asked, want=want).hash())
+            self.assertGreater(hits.hit.mean(), 0.1)
+            points = moved[:50] + 0.25
+            self.assertEqual(mesh.signed_distance(points).tobytes(), fresh.signed_distance(points).tobytes())
+            self.assertEqual((mesh.vertices.dtype, mesh.is_closed), (np.float64, True))
+        with self.assertRaisesRegex(ValueError, "vertex 5 .*NaN"):
+            mesh.refit(np.where(np.arange(len(moved))[:, None] == 5, np.nan, moved))
+        self.assertEqual(mesh.cast(asked, want=want).hash(), hits.hash())
+        mesh.refit(vertices)
+        self.assertEqual(mesh.cast(question).hash(), rs.Mesh(vertices, faces).cast(question).hash())
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -123,6 +123,17 @@ const INPUTS: [(&str, Find); 20] = [
     ("alpha", |material, _| of_scalar(&material.alpha.value)),
 ];
 
+impl Material {
+    /// The first input whose texture reads a set of texture coordinates that a mesh of so many sets lacks, and the
+    /// set.
+    pub(super) fn reads_beyond(&self, sets: usize) -> Option<(&'static str, u32)> {
+        let surface = self.principled();
+        let set = |find: &Find| find(self, surface.as_ref()).map(|texture| texture.set);
+        let mut read = INPUTS.iter().filter_map(|(name, find)| Some((*name, set(find)?)));
+        read.find(|(_, set)| *set as usize >= sets)
+    }
+}
+
 /// The inputs of materials that may have textures, by name.
 pub const TEXTURED_INPUTS: [&str; INPUTS.len()] = {
     let mut names = [""; INPUTS.len()];

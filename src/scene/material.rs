@@ -1,7 +1,7 @@
 //! Materials as scene files describe them. `shade` converts them to BSDFs.
 
 use super::{Channel, Medium, Principled, TextureRef};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 /// A colour: a factor, multiplied by a texture's RGB if there is a texture, and by the mesh's colours if they count.
@@ -175,5 +175,31 @@ impl Material {
             alpha: Alpha::default(),
             medium: None,
         }
+    }
+
+    /// Lets the colours of vertices multiply the base colour, if the surface has one.
+    pub(super) fn count_colours(&mut self) {
+        match &mut self.surface {
+            Surface::Matte { reflectance } | Surface::Mirror { reflectance } => reflectance.vertex = true,
+            Surface::Principled(surface) => surface.base_colour.vertex = true,
+            _ => {}
+        }
+    }
+
+    /// Lets the alpha of vertices count, of one mesh or several, if any is below 1. Returns false, and leaves the
+    /// material as it is, if alpha is 0 everywhere: nothing would be seen.
+    pub(super) fn count_alpha(&mut self, meshes: &[&[Vec4]]) -> bool {
+        let mut colours = meshes.iter().copied().flatten();
+        if colours.clone().all(|colour| colour.w >= 1.0) {
+            return true;
+        }
+        if colours.all(|colour| colour.w == 0.0) {
+            return false;
+        }
+        self.alpha.vertex = true;
+        if self.alpha.mode == AlphaMode::Opaque {
+            self.alpha.mode = AlphaMode::Blend;
+        }
+        true
     }
 }

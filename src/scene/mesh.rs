@@ -237,8 +237,18 @@ impl TriangleMesh {
 }
 
 impl TriangleMesh {
+    /// Gives all normals the length 1, but those that are not finite, which [`TriangleMesh::validate`] finds. Zeros
+    /// stay.
+    pub fn normalise_normals(&mut self) {
+        let normalise = |normal: &mut Vec3| {
+            if normal.is_finite() {
+                *normal = normal.normalize_or_zero();
+            }
+        };
+        self.normals.par_iter_mut().with_min_len(CHUNK).for_each(normalise);
+    }
+
     /// Checks that colours are from 0 to 1.
-    #[cfg(feature = "meshes")]
     pub(super) fn check_colours(&self) -> Result<(), MeshError> {
         let is_inside = |colour: &Vec4| (colour.cmpge(Vec4::ZERO) & colour.cmple(Vec4::ONE)).all();
         let Some(vertex) = first_outside(&self.colours, is_inside) else { return Ok(()) };

@@ -20,7 +20,6 @@ pub enum Averaging {
 
 impl Scene {
     /// Bytes that [`Scene::add_mipmaps`] adds: for each image in each of its colour spaces, the image with its levels.
-    #[cfg(feature = "meshes")]
     pub(super) fn mipmap_bytes(&self) -> u64 {
         let mut images: Vec<_> =
             self.textures.iter().map(|texture| (texture.image(), texture.space as u8)).collect();

@@ -1,6 +1,7 @@
 //! A scene: a triangle mesh with materials and textures, lights, an environment and a camera. `scene::load` reads
 //! scenes from files. This module knows neither streams nor the BVH.
 
+mod assembly;
 mod block;
 mod bound_texture;
 mod camera;
@@ -31,7 +32,6 @@ mod material;
 mod material_edit;
 mod medium;
 mod mesh;
-#[cfg(feature = "meshes")]
 mod mesh_size;
 mod mip_weights;
 mod mipmap;
@@ -53,9 +53,11 @@ mod srgb;
 mod studio;
 mod surface_field;
 mod texture;
+mod texture_image;
 mod texture_point;
 mod validate;
 
+pub use assembly::{Assembly, AssemblyError, Part};
 pub use block::{BlockColumns, BlockFinishes, BlockSurface};
 pub use bound_texture::{BoundTexture, NoTexture, TEXTURED_INPUTS};
 pub(crate) use camera::Pinhole;
@@ -84,7 +86,6 @@ pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scal
 pub use material_edit::{MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, MeshError, TriangleMesh};
-#[cfg(feature = "meshes")]
 pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
 pub use mipmap::Mipmap;
@@ -103,6 +104,7 @@ pub use shared::Shared;
 pub use surface_field::{FieldType, SurfaceField};
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
+pub use texture_image::{TextureImage, TextureImageError, TextureUse};
 pub use texture_point::TexturePoint;
 pub use validate::{SceneError, ScenePart};
 

@@ -1,11 +1,14 @@
 //! Scenes of files that hold one mesh and no materials.
 
 use super::warnings::Warnings;
-use crate::scene::{Alpha, AlphaMode, Material, Object, Objects, Scene, SceneError, TriangleMesh};
+use crate::memory::MemoryBudget;
+use crate::scene::assembly::IGNORED_ALPHA;
+use crate::scene::{Assembly, AssemblyError, Material, Object, Objects, Part, Scene, TriangleMesh};
 use std::path::Path;
 
 /// The scene of a mesh in memory, as a file that holds it alone would give it: one object of this name, of the material
-/// `default`, which is matte, of the vertices' colours or grey. Normals are normalised.
+/// `default`, which is matte, of the vertices' colours or grey. Normals are normalised. [`Assembly`] puts several
+/// meshes together.
 ///
 /// ```
 /// use raystream::glam::Vec3;
@@ -14,30 +17,23 @@ use std::path::Path;
 /// let mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 1, 2]]);
 /// let scene = scene_of_mesh(mesh, "paper")?;
 /// assert_eq!(scene.materials[0].name, "default");
-/// # Ok::<(), raystream::scene::SceneError>(())
+/// # Ok::<(), raystream::scene::AssemblyError>(())
 /// ```
 ///
 /// # Errors
-/// What [`Scene::validate`] finds, and colours that are not from 0 to 1.
-pub fn scene_of_mesh(mut mesh: TriangleMesh, name: &str) -> Result<Scene, SceneError> {
-    mesh.check_colours()?;
-    for normal in mesh.normals.iter_mut().filter(|normal| normal.is_finite()) {
-        *normal = normal.normalize_or_zero();
-    }
-    let mut warnings = Warnings::default();
-    let scene = scene(mesh, object(name), true, &mut warnings);
-    scene.validate()?;
-    Ok(Scene { warnings: warnings.into_list(), ..scene })
+/// As for [`Assembly::add`].
+pub fn scene_of_mesh(mut mesh: TriangleMesh, name: &str) -> Result<Scene, AssemblyError> {
+    mesh.materials = vec![0; mesh.triangles.len()];
+    mesh.normalise_normals();
+    let mut assembly = Assembly::default();
+    assembly.add(Part::new(name, mesh))?;
+    assembly.build(MemoryBudget::of_machine())
 }
 
 /// The objects of a file that is one object: it has the file's name.
 pub(super) fn one_object(path: &Path) -> Objects {
-    object(&path.file_stem().unwrap_or_default().to_string_lossy())
-}
-
-fn object(name: &str) -> Objects {
     let mut objects = Objects::default();
-    let object = objects.add(Object::new(name));
+    let object = objects.add(Object::new(path.file_stem().unwrap_or_default().to_string_lossy()));
     objects.assign(0, object);
     objects
 }
@@ -62,20 +58,16 @@ fn material(mesh: &TriangleMesh, has_alpha: bool, warnings: &mut Warnings) -> Ma
         return Material::fallback();
     }
     let mut material = Material::vertex_coloured();
-    if !has_alpha || mesh.colours.iter().all(|colour| colour.w >= 1.0) {
-        return material;
+    if has_alpha && !material.count_alpha(&[&mesh.colours]) {
+        warnings.add(IGNORED_ALPHA);
     }
-    if mesh.colours.iter().all(|colour| colour.w == 0.0) {
-        warnings.add("All vertices have an alpha of 0; alpha is ignored.");
-        return material;
-    }
-    material.alpha = Alpha { mode: AlphaMode::Blend, vertex: true, ..Alpha::default() };
     material
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::AlphaMode;
     use glam::{Vec3, Vec4};
 
     fn triangle() -> TriangleMesh {
@@ -92,7 +84,7 @@ mod tests {
         let clear = coloured(Vec4::splat(0.5)).expect("a scene");
         assert_eq!(clear.materials[0].alpha.mode, AlphaMode::Blend);
         assert_eq!(coloured(Vec4::ZERO).expect("a scene").warnings.len(), 1, "nothing would be seen");
-        let told = |scene: Result<Scene, SceneError>| scene.expect_err("refused").to_string();
+        let told = |scene: Result<Scene, AssemblyError>| scene.expect_err("refused").to_string();
         assert!(told(coloured(Vec4::splat(255.0))).contains("vertex 0 has 255"));
         assert!(told(coloured(Vec4::splat(f32::NAN))).contains("NaN"));
         let normals = vec![Vec3::Z * 3.0, Vec3::ZERO, Vec3::Z];

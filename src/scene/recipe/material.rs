@@ -3,8 +3,9 @@
 use super::unique::unique;
 use super::within;
 use crate::scene::{
-    Alpha, Anisotropy, Coat, Coats, Colour, DiffuseTransmission, Emission, Iridescence, Material, Medium,
-    Principled, Scalar, Sheen, Surface, SurfaceName, SurfaceRequest, TextureRef, option_texts,
+    Alpha, AlphaMode, Anisotropy, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission, Emission,
+    Iridescence, Material, Medium, NormalMap, Principled, Scalar, Sheen, Surface, SurfaceName,
+    SurfaceRequest, TextureRef, option_texts,
 };
 use glam::Vec3;
 use serde::Deserialize;
@@ -24,10 +25,27 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialRecipe {
-    /// Linear Rec. 709. The texture multiplies it.
+    /// Linear Rec. 709. The texture multiplies it. White by default.
+    #[serde(default = "white")]
     pub colour: Vec3,
-    /// Name of a texture.
+    /// Name of the texture that multiplies `colour`. Its alpha multiplies `alpha`.
     pub texture: Option<String>,
+    /// Name of a tangent-space normal map, as glTF's: red, green and blue are x along u, y upwards and z outwards.
+    pub normal_texture: Option<String>,
+    /// Factor of the normal map's x and y.
+    #[serde(default = "one")]
+    pub normal_scale: f32,
+    /// Name of the texture whose green multiplies `roughness`. Its bytes are linear.
+    pub roughness_texture: Option<String>,
+    /// Name of the texture whose blue multiplies `metallic`. Its bytes are linear.
+    pub metallic_texture: Option<String>,
+    /// Name of the texture that multiplies `emission`.
+    pub emission_texture: Option<String>,
+    /// Share of rays that the surface stops, 0..=1.
+    #[serde(default = "one")]
+    pub alpha: f32,
+    /// If it is given, the surface stops all rays where alpha is at least as great, and no others.
+    pub alpha_cutoff: Option<f32>,
     /// Perceptual roughness, 0..=1.
     pub roughness: Option<f32>,
     /// Share of metal, 0..=1.
@@ -84,6 +102,28 @@ pub struct Translucency {
 
 fn white() -> Vec3 {
     Vec3::ONE
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// A texture of a material.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MaterialTexture {
+    pub(super) reference: TextureRef,
+    /// True if its alpha is below 1 anywhere.
+    pub(super) has_alpha: bool,
+}
+
+/// The textures that a material names.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MaterialTextures {
+    colour: Option<MaterialTexture>,
+    normal: Option<MaterialTexture>,
+    roughness: Option<MaterialTexture>,
+    metallic: Option<MaterialTexture>,
+    emission: Option<MaterialTexture>,
 }
 
 /// A layer of fibres: glTF's sheen.
@@ -160,8 +200,34 @@ impl MaterialRecipe {
         }
     }
 
+    /// The fields that name textures.
+    pub const TEXTURES: [&str; 5] =
+        ["texture", "normal_texture", "roughness_texture", "metallic_texture", "emission_texture"];
+
+    /// The textures that the material names, as `find` finds them by their names and what their bytes mean.
+    pub(super) fn textures<E>(
+        &self,
+        mut find: impl FnMut(&str, ColourSpace) -> Result<MaterialTexture, E>,
+    ) -> Result<MaterialTextures, E> {
+        let mut of = |name: &Option<String>, space| name.as_ref().map(|name| find(name, space)).transpose();
+        Ok(MaterialTextures {
+            colour: of(&self.texture, ColourSpace::Srgb)?,
+            normal: of(&self.normal_texture, ColourSpace::Linear)?,
+            roughness: of(&self.roughness_texture, ColourSpace::Linear)?,
+            metallic: of(&self.metallic_texture, ColourSpace::Linear)?,
+            emission: of(&self.emission_texture, ColourSpace::Srgb)?,
+        })
+    }
+
+    /// The names of textures whose bytes are linear.
+    pub(super) fn linear_textures(&self) -> impl Iterator<Item = &String> {
+        let Self { normal_texture, roughness_texture, metallic_texture, .. } = self;
+        [normal_texture, roughness_texture, metallic_texture].into_iter().flatten()
+    }
+
     /// The material. An error names a number that is out of range, and the range.
-    pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
+    pub(super) fn material(&self, name: &str, textures: &MaterialTextures) -> Result<Material, String> {
+        let texture = textures.colour.map(|texture| texture.reference);
         let colour = Colour { texture, ..Colour::constant(shares("colour", self.colour)?) };
         self.check()?;
         let is_coated = !self.coats.is_empty();
@@ -174,14 +240,18 @@ impl MaterialRecipe {
             match (self.roughness.unwrap_or(0.0), self.dispersion) {
                 (0.0, 0.0) => Surface::Dielectric { ior, transmittance: self.colour },
                 (rough, dispersion) => {
-                    let glass = Principled::glass(ior, self.colour, Scalar::constant(rough));
+                    let texture = textures.roughness.map(|texture| (texture.reference, Channel::G));
+                    let glass = Principled::glass(ior, self.colour, Scalar { factor: rough, texture });
                     Surface::Principled(Principled { dispersion, ..glass })
                 }
             }
         } else if self.mirror {
             Surface::Mirror { reflectance: colour }
         } else if let Some(roughness) = self.roughness {
-            Surface::Principled(self.coated(self.layered(colour, roughness))?)
+            let mut surface = self.layered(colour, roughness);
+            surface.roughness.texture = textures.roughness.map(|texture| (texture.reference, Channel::G));
+            surface.metallic.texture = textures.metallic.map(|texture| (texture.reference, Channel::B));
+            Surface::Principled(self.coated(surface)?)
         } else if is_coated || self.diffuse_transmission.is_some() {
             let (base_colour, specular) = (colour, Scalar::constant(0.0));
             let diffuse_transmission = self.diffuse_transmission.map(Translucency::lobe);
@@ -190,10 +260,27 @@ impl MaterialRecipe {
         } else {
             Surface::Matte { reflectance: colour }
         };
-        let emission = self.emission.map(emission).transpose()?;
+        let mut emission = self.emission.map(emission).transpose()?;
+        if let (Some(emission), Some(texture)) = (&mut emission, textures.emission) {
+            emission.radiance.texture = Some(texture.reference);
+        }
         let medium = self.absorption.map(Absorption::medium).transpose()?.flatten();
-        let (normal_map, alpha) = (None, Alpha::default());
+        let normal_map =
+            textures.normal.map(|texture| NormalMap { texture: texture.reference, scale: self.normal_scale });
+        let alpha = self.coverage(textures.colour);
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+    }
+
+    /// Alpha, which the colour's texture multiplies.
+    fn coverage(&self, colour: Option<MaterialTexture>) -> Alpha {
+        let texture = colour.filter(|texture| texture.has_alpha);
+        let mode = match self.alpha_cutoff {
+            Some(cutoff) => AlphaMode::Mask { cutoff },
+            None if texture.is_none() && self.alpha >= 1.0 => AlphaMode::Opaque,
+            None => AlphaMode::Blend,
+        };
+        let texture = texture.map(|texture| (texture.reference, Channel::A));
+        Alpha { mode, value: Scalar { factor: self.alpha, texture }, vertex: false }
     }
 
     /// glTF's surface without coats.
@@ -231,6 +318,22 @@ impl MaterialRecipe {
         let Self { roughness, metallic, clearcoat, anisotropy, anisotropy_degrees, sheen, film, ior, .. } =
             self;
         within("dispersion", self.dispersion, 0.0, 20.0)?;
+        within("normal_scale", self.normal_scale, -1e3, 1e3)?;
+        share("alpha", self.alpha)?;
+        share("alpha_cutoff", self.alpha_cutoff.unwrap_or(0.0))?;
+        if self.roughness_texture.is_some() && roughness.is_none() {
+            return Err(
+                "roughness_texture multiplies roughness, which is not given; 1 leaves it as it is".into()
+            );
+        }
+        if self.metallic_texture.is_some() && (*metallic == 0.0 || roughness.is_none()) {
+            return Err(
+                "metallic_texture multiplies metallic, which is 0 or without roughness; give both".into()
+            );
+        }
+        if self.emission_texture.is_some() && self.emission.is_none() {
+            return Err("emission_texture multiplies emission, which is not given".into());
+        }
         if let Some(Translucency { share: through, colour }) = self.diffuse_transmission {
             share("the share of diffuse_transmission", through)?;
             shares("the colour of diffuse_transmission", colour)?;
@@ -335,7 +438,42 @@ mod tests {
 
     fn material(json: &str) -> Result<Material, String> {
         let recipe: MaterialRecipe = serde_json::from_str(json).expect("a material");
-        recipe.material("m", None)
+        let has_alpha = |name: &str| name == "leaf";
+        let texture = |name: &str, _| {
+            let reference = TextureRef::plain(name.len() as u32);
+            Ok::<_, String>(MaterialTexture { reference, has_alpha: has_alpha(name) })
+        };
+        recipe.material("m", &recipe.textures(texture)?)
+    }
+
+    #[test]
+    fn textures_multiply_what_they_are_named_after() {
+        let textured = r#"{ "texture": "a", "normal_texture": "bb", "normal_scale": 0.5, "roughness": 1,
+            "metallic": 0.5, "roughness_texture": "ccc", "metallic_texture": "dddd", "emission": [1, 2, 3],
+            "emission_texture": "eeeee" }"#;
+        let material = material(textured).expect("valid");
+        let Surface::Principled(surface) = material.surface else { panic!("principled") };
+        assert_eq!(
+            surface.base_colour,
+            Colour { texture: Some(TextureRef::plain(1)), ..Colour::constant(Vec3::ONE) }
+        );
+        assert_eq!(surface.roughness.texture, Some((TextureRef::plain(3), Channel::G)));
+        assert_eq!(surface.metallic.texture, Some((TextureRef::plain(4), Channel::B)));
+        assert_eq!(material.normal_map, Some(NormalMap { texture: TextureRef::plain(2), scale: 0.5 }));
+        assert_eq!(material.emission.expect("a lamp").radiance.texture, Some(TextureRef::plain(5)));
+        assert_eq!(material.alpha, Alpha::default());
+    }
+
+    #[test]
+    fn alpha_is_of_the_number_and_of_the_texture() {
+        let alpha = |json: &str| material(json).expect("valid").alpha;
+        let leaf = Some((TextureRef::plain(4), Channel::A));
+        assert_eq!(alpha(r#"{ "texture": "leaf" }"#).mode, AlphaMode::Blend);
+        assert_eq!(alpha(r#"{ "texture": "leaf" }"#).value.texture, leaf);
+        let cut = alpha(r#"{ "texture": "leaf", "alpha_cutoff": 0.5, "alpha": 0.75 }"#);
+        assert_eq!((cut.mode, cut.value.factor), (AlphaMode::Mask { cutoff: 0.5 }, 0.75));
+        let veil = alpha(r#"{ "alpha": 0.25 }"#);
+        assert_eq!((veil.mode, veil.value), (AlphaMode::Blend, Scalar::constant(0.25)));
     }
 
     #[test]
@@ -422,6 +560,10 @@ mod tests {
             (r#""film": { "nanometres": -1, "ior": 1.4 }"#, "nanometres is -1"),
             (r#""absorption": { "colour": [1, 1, 1], "distance": 0 }"#, "distance of absorption is 0"),
             (r#""dispersion": -1"#, "dispersion is -1; it must be from 0 to 20"),
+            (r#""alpha": 1.5"#, "alpha is 1.5"),
+            (r#""metallic_texture": "t""#, "metallic, which is 0"),
+            (r#""emission_texture": "t""#, "emission, which is not given"),
+            (r#""ior": 1.5, "metallic": 0, "normal_scale": 1e9"#, "normal_scale"),
             (r#""diffuse_transmission": { "share": 1.5 }"#, "share of diffuse_transmission is 1.5"),
             (
                 r#""diffuse_transmission": { "share": 1, "colour": [2, 0, 0] }"#,

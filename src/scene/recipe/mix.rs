@@ -95,6 +95,9 @@ impl Recipe {
                 (_, Some(part)) => (part.emission.is_some(), part.absorption.is_some()),
                 (None, None) => return Err(unknown(name, "material", part)),
             };
+            if self.materials.get(part).is_some_and(|part| part.alpha < 1.0 || part.alpha_cutoff.is_some()) {
+                return Err(wrong(name, format!("its part {part:?} has alpha; mixes are opaque")));
+            }
             for (what, is_set) in [("emission", emission), ("absorption", absorption)] {
                 if is_set {
                     let problem = format!("its part {part:?} has {what}, which only the mix itself may have");
@@ -164,7 +167,7 @@ mod tests {
     fn build(mixes: &str) -> Result<Scene, RecipeError> {
         let text = r#"{ "textures": { "t": { "pattern": "checker", "colours": [[255,255,255],[0,0,0]], "cells": 2 } },
             "materials": { "a": { "colour": [1,0,0] }, "b": { "colour": [0,1,0] }, "c": { "colour": [0,0,1] },
-                           "lamp": { "colour": [0,0,0], "emission": [1,1,1] } },
+                           "lamp": { "colour": [0,0,0], "emission": [1,1,1] }, "veil": { "alpha": 0.5 } },
             "mixes": { MIXES },
             "shapes": [ { "shape": "quad", "corner": [0,0,0], "u": [1,0,0], "v": [0,1,0], "material": "m" } ] }"#;
         Recipe::parse(&text.replace("MIXES", mixes))?.build()
@@ -201,6 +204,7 @@ mod tests {
             (r#""m": { "of": ["a", "b"], "share": 1.5 }"#, "share is 1.5; it must be from 0 to 1"),
             (r#""m": { "of": ["a", "b"], "share": 1, "texture": "x" }"#, r#"names the texture "x""#),
             (r#""m": { "of": ["a", "lamp"], "share": 1 }"#, r#"its part "lamp" has emission"#),
+            (r#""m": { "of": ["a", "veil"], "share": 1 }"#, r#"its part "veil" has alpha"#),
             (r#""m": { "of": ["a", "m"], "share": 1 }"#, r#"mix "m": it contains itself"#),
             (
                 r#""m": { "of": ["a", "n"], "share": 1 }, "n": { "of": ["o", "b"], "share": 1 },

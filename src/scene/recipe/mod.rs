@@ -25,6 +25,7 @@
 //! "materials": { "door": { "colour": [0.6, 0.4, 0.2], "surface": "wood", "options": { "rings": 12 } } }
 //! ```
 
+mod assembled;
 mod material;
 mod mix;
 mod object;
@@ -40,12 +41,16 @@ pub use pattern::Pattern;
 pub use shape::Shape;
 pub use view::{ApertureRecipe, IntrinsicsRecipe, View};
 
-use super::{Environment, MAX_TRIANGLES, MeshError, MeshSize, NamedCamera, Scene, TextureRef, option_texts};
+use super::{
+    ColourSpace, Environment, MAX_TRIANGLES, MeshError, MeshSize, NamedCamera, Scene, Texture, TextureRef,
+    option_texts,
+};
 use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::Vec3;
+use material::MaterialTexture;
 use serde::Deserialize;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{Display, LowerExp};
 use unique::unique;
 
@@ -151,21 +156,28 @@ impl Recipe {
                 pattern.paint(name).map_err(|problem| RecipeError::Range { place: place(), problem })?;
             scene.textures.push(texture);
         }
+        let mut linear = Numbers::new();
         for (name, recipe) in &self.materials {
-            let texture = match &recipe.texture {
-                None => None,
-                Some(texture) => {
-                    let index = textures.get(&**texture).ok_or_else(|| RecipeError::Unknown {
-                        user: format!("material {name:?}"),
-                        kind: "texture",
-                        name: texture.clone(),
-                    })?;
-                    Some(TextureRef::plain(*index))
-                }
-            };
+            let found = recipe.textures(|texture, space| {
+                let user = || format!("material {name:?}");
+                let (&texture, &number) = textures.get_key_value(texture).ok_or_else(|| {
+                    RecipeError::Unknown { user: user(), kind: "texture", name: texture.into() }
+                })?;
+                let number = match space {
+                    ColourSpace::Srgb => number,
+                    // A texture of its own, of the same texels.
+                    ColourSpace::Linear => *linear.entry(texture).or_insert_with(|| {
+                        let same = scene.textures[number as usize].clone();
+                        scene.textures.push(Texture { space, ..same });
+                        scene.textures.len() as u32 - 1
+                    }),
+                };
+                let reference = TextureRef::plain(number);
+                Ok::<_, RecipeError>(MaterialTexture { reference, has_alpha: false })
+            })?;
             let place = || format!("material {name:?}");
             let material = recipe
-                .material(name, texture)
+                .material(name, &found)
                 .map_err(|problem| RecipeError::Range { place: place(), problem })?;
             let number = scene.materials.len() as u32;
             let request =
@@ -213,8 +225,11 @@ impl Recipe {
 
     /// The size of the whole mesh. Textures and mesh are counted before either is made.
     fn affordable(&self, memory: MemoryBudget) -> Result<MeshSize, RecipeError> {
-        let textures = Pattern::BYTES * self.textures.len() as u64;
-        memory.check(format!("{} textures", self.textures.len()), textures)?;
+        let linear: BTreeSet<&String> =
+            self.materials.values().flat_map(MaterialRecipe::linear_textures).collect();
+        let count = self.textures.len() + linear.len();
+        let textures = Pattern::BYTES * count as u64;
+        memory.check(format!("{count} textures"), textures)?;
         let mut size = MeshSize { normals: true, uvs: true, ..MeshSize::default() };
         for (index, object) in self.shapes.iter().enumerate() {
             let place = || format!("shape {index}");

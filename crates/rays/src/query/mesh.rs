@@ -8,6 +8,7 @@ use super::shares::answers;
 use super::target::{RayQueries, Target};
 use super::tree_tracers::TreeTracers;
 use crate::bvh::{Bvh, GeometryError};
+use crate::geom::MAX_COORDINATE;
 use crate::stream::{Hit, Ray};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use glam::{DVec3, Vec3};
@@ -81,24 +82,12 @@ impl Mesh {
     /// # Errors
     /// As for [`Mesh::build`].
     pub fn build64(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, GeometryError> {
-        let points = || positions.iter().copied().map(DVec3::from_array);
-        let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), point| {
-            (low.min(point), high.max(point))
-        });
-        let middle = 0.5 * low + 0.5 * high;
-        let center = if middle.is_finite() { middle } else { DVec3::ZERO };
-        let relative: Vec<Vec3> = points().map(|point| (point - center).as_vec3()).collect();
-        let mesh = Self::build(&relative, triangles).map_err(|error| match error {
-            // At the caller's coordinates.
-            GeometryError::Position { vertex, .. } => {
-                GeometryError::Position { vertex, at: DVec3::from_array(positions[vertex]).as_vec3() }
-            }
-            error => error,
-        })?;
+        let (center, relative) = recentred(positions);
+        let mesh = Self::build(&relative, triangles).map_err(|error| at_the_callers(error, positions))?;
         Ok(Self { center, ..mesh })
     }
 
-    /// The point that the stored coordinates are relative to: zero, but for [`Mesh::build64`].
+    /// The point that the stored coordinates are relative to: zero, but for [`Mesh::build64`] and [`Mesh::refit64`].
     pub fn center(&self) -> DVec3 {
         self.center
     }
@@ -202,16 +191,55 @@ impl Mesh {
     /// # Ok::<(), raystream_rays::query::GeometryError>(())
     /// ```
     ///
+    /// A mesh of [`Mesh::build64`] becomes one of [`Mesh::build`]: its middle is the origin.
+    ///
     /// # Errors
     /// As for [`Mesh::build`], and if the number of triangles has changed. The mesh is then unchanged.
     pub fn refit<P>(&mut self, positions: &[P], triangles: &[[u32; 3]]) -> Result<(), GeometryError>
     where
         P: Copy + Into<[f32; 3]> + Sync,
     {
-        let positions = vectors(positions);
-        self.bvh().accepts(&positions, triangles)?;
-        self.open_edges = OnceLock::new();
-        self.tracers.change(|bvh| bvh.refit(&positions, triangles))
+        self.refit_around(DVec3::ZERO, &vectors(positions), triangles)
+    }
+
+    /// [`Mesh::refit`] with positions in `f64`, of any mesh. The middle moves, too: [`Mesh::center`] is that of the new
+    /// positions' box, and the coordinates are stored and as exact as [`Mesh::build64`] says. Answers are to the bit
+    /// those of a new mesh of [`Mesh::build64`].
+    ///
+    /// ```
+    /// use raystream_rays::query::{HitColumns, Mesh, Range, RayQueries, Rays, Rule};
+    ///
+    /// let mut corners = [[4e6, 5e6, 0.0], [4e6 + 1.0, 5e6, 0.0], [4e6, 5e6 + 1.0, 0.0]];
+    /// let mut mesh = Mesh::build64(&corners, &[[0, 1, 2]])?;
+    /// corners.iter_mut().for_each(|corner| corner[0] -= 8e6);
+    /// mesh.refit64(&corners, &[[0, 1, 2]])?;
+    /// assert_eq!(mesh.center().x, 0.5 - 4e6);
+    /// let rays = [[0.25 - 4e6, 5e6 + 0.25, 2.0, 0.0, 0.0, -1.0]];
+    /// let mut t = [0.0];
+    /// let mut columns = HitColumns { t: Some(&mut t), ..HitColumns::default() };
+    /// mesh.cast(&Rays::Rows64(&rays, Range::default()), Rule::Closed, &mut columns);
+    /// assert_eq!(t, [2.0]);
+    /// # Ok::<(), raystream_rays::query::GeometryError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As for [`Mesh::refit`].
+    pub fn refit64(&mut self, positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<(), GeometryError> {
+        let (center, relative) = recentred(positions);
+        let refitted = self.refit_around(center, &relative, triangles);
+        refitted.map_err(|error| at_the_callers(error, positions))
+    }
+
+    /// Moves the triangles to positions that are relative to a point.
+    fn refit_around(
+        &mut self,
+        center: DVec3,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+    ) -> Result<(), GeometryError> {
+        self.bvh().accepts(positions, triangles)?;
+        (self.center, self.open_edges) = (center, OnceLock::new());
+        self.tracers.change(|bvh| bvh.refit(positions, triangles))
     }
 
     /// The nearest hit of every ray, or [`Hit::NONE`]. Of equally near hits the one with the lowest primitive
@@ -421,6 +449,37 @@ fn vectors<P: Copy + Into<[f32; 3]> + Sync>(positions: &[P]) -> Vec<Vec3> {
         }
     });
     vectors
+}
+
+/// The middle of the positions' box, and the positions relative to it, each rounded to `f32`. On the current rayon
+/// pool.
+fn recentred(positions: &[[f64; 3]]) -> (DVec3, Vec<Vec3>) {
+    let join = |(low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)| {
+        (low.min(other_low), high.max(other_high))
+    };
+    let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let around = |points: &[[f64; 3]]| {
+        let points = points.iter().copied().map(DVec3::from_array);
+        points.fold(empty, |bounds, point| join(bounds, (point, point)))
+    };
+    // Joined in their order: of equal numbers, 0 and -0, the last one stays.
+    let parts: Vec<_> = positions.par_chunks(CONVERTED_AT_ONCE).map(around).collect();
+    let (low, high) = parts.into_iter().fold(empty, join);
+    let middle = 0.5 * low + 0.5 * high;
+    let center = if middle.is_finite() { middle } else { DVec3::ZERO };
+    let relative = |&point: &[f64; 3]| (DVec3::from_array(point) - center).as_vec3();
+    (center, positions.par_iter().with_min_len(CONVERTED_AT_ONCE).map(relative).collect())
+}
+
+/// An error of recentred positions that tells the caller's coordinates. A vertex that is no number, or far away, moves
+/// the middle, so that others are out of range; it is the one that is named.
+fn at_the_callers(error: GeometryError, positions: &[[f64; 3]]) -> GeometryError {
+    let GeometryError::Position { vertex, .. } = error else { return error };
+    let mut points = positions.iter().copied().map(DVec3::from_array);
+    let is_far = |point: DVec3| point.abs().max_element() > f64::from(MAX_COORDINATE);
+    let wrong = points.clone().position(|point| !point.is_finite()).or_else(|| points.position(is_far));
+    let vertex = wrong.unwrap_or(vertex);
+    GeometryError::Position { vertex, at: DVec3::from_array(positions[vertex]).as_vec3() }
 }
 
 /// The unit normal of a triangle; zero if it has none.

@@ -34,7 +34,7 @@
 //! | which points are inside, and how far? | [`Mesh::contains`], [`Mesh::signed_distances`] |
 //! | what does a point see of its hemisphere? | [`hemispheres`] makes the rays |
 //! | the same mesh at many places? | [`World`] |
-//! | the mesh moves? | [`Mesh::refit`], [`World::move_instances`] |
+//! | the mesh moves? | [`Mesh::refit`], [`Mesh::refit64`], [`World::move_instances`] |
 //! | instances come and go? | [`World::add`], [`World::remove`], [`World::set_visible`], [`World::set_mesh`] |
 //!
 //! # Speed

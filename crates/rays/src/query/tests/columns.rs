@@ -272,3 +272,83 @@ fn points_far_from_the_origin_are_hit_where_they_are() {
     }
     assert!(hits > 200, "{hits}");
 }
+
+/// Answers of a mesh to rays and points in `f64`.
+#[derive(Debug, PartialEq)]
+struct Answers64 {
+    firsts: [Columns; 2],
+    positions: Vec<[u64; 3]>,
+    counts: Vec<u32>,
+    nearest: Vec<[u64; 3]>,
+    distances: Vec<u32>,
+}
+
+fn answers64(mesh: &Mesh, rows: &[[f64; 6]]) -> Answers64 {
+    let (rays, bits) = (Rays::Rows64(rows, Range::default()), |p: &[f64; 3]| p.map(f64::to_bits));
+    let firsts = [Rule::Closed, Rule::HalfOpen].map(|rule| cast(mesh, &rays, rule));
+    let (mut positions, mut counts) = (vec![[0.0; 3]; rows.len()], vec![0; rows.len()]);
+    let mut columns = HitColumns { position64: Some(&mut positions), ..HitColumns::default() };
+    mesh.cast(&rays, Rule::Closed, &mut columns);
+    mesh.count_hits(&rays, Rule::HalfOpen, &mut counts);
+    let points: Vec<[f64; 3]> = rows.iter().map(|&[x, y, z, ..]| [x, y, z]).collect();
+    let (mut nearest, mut distances) = (vec![[0.0; 3]; rows.len()], vec![0.0; rows.len()]);
+    let mut columns = NearestColumns { position64: Some(&mut nearest), ..NearestColumns::default() };
+    mesh.nearest_points(&points.as_slice().into(), f32::INFINITY, &mut columns);
+    mesh.signed_distances_by_parity(&points.as_slice().into(), &mut distances);
+    Answers64 {
+        firsts,
+        positions: positions.iter().map(bits).collect(),
+        counts,
+        nearest: nearest.iter().map(bits).collect(),
+        distances: distances.into_iter().map(f32::to_bits).collect(),
+    }
+}
+
+#[test]
+fn a_refit_in_f64_answers_as_a_new_mesh_to_the_bit() {
+    let (positions, triangles) = hills(20);
+    let mut mesh = Mesh::build(&positions, &triangles).expect("sound");
+    for (step, far) in [4e6, 0.0, -7e9, 123.456, 0.1].into_iter().enumerate() {
+        let far = DVec3::new(far, -0.7 * far, 0.3 * far);
+        let bumps = |p: &Vec3| 0.3 * f64::from(signed(p.x.to_bits() ^ p.z.to_bits().rotate_left(7)));
+        let moved =
+            |p: &Vec3| (p.as_dvec3() * DVec3::new(1.0, 1.0 + step as f64, 0.9) + far + bumps(p)).to_array();
+        let given: Vec<[f64; 3]> = positions.iter().map(moved).collect();
+        let fresh = Mesh::build64(&given, &triangles).expect("sound");
+        mesh.refit64(&given, &triangles).expect("as many");
+        assert_eq!(mesh.center(), fresh.center());
+        for (primitive, triangle) in triangles.iter().enumerate() {
+            let stored = mesh.corners(primitive as u32);
+            assert_eq!(stored, fresh.corners(primitive as u32));
+            for (stored, &corner) in stored.iter().zip(triangle) {
+                let exact = DVec3::from(given[corner as usize]) - mesh.center();
+                let bound = exact.abs() * f64::from(f32::EPSILON) / 2.0;
+                assert!((stored.as_dvec3() - exact).abs().cmple(bound).all(), "{stored} for {exact}");
+            }
+        }
+        let rows: Vec<[f64; 6]> = (0..3000)
+            .map(|i| {
+                let (o, d) =
+                    ((30.0 * point(2 * i) + 9.0 * Vec3::Y).as_dvec3() + far, point(2 * i + 1).as_dvec3());
+                [o.x, o.y, o.z, d.x, d.y, d.z]
+            })
+            .collect();
+        let expected = answers64(&fresh, &rows);
+        assert!(expected.counts.iter().filter(|&&count| count > 0).count() > 500, "step {step}");
+        for threads in [1, 3] {
+            assert_eq!(pool(threads).install(|| answers64(&mesh, &rows)), expected, "step {step}");
+        }
+        // A mesh that is refused stays as it was.
+        let mut wrong = given.clone();
+        wrong[17] = [far.x, 3e12, f64::NAN];
+        let told = mesh.refit64(&wrong, &triangles).expect_err("no number").to_string();
+        assert!(told.contains("vertex 17") && told.contains("NaN"), "{told}");
+        assert!(mesh.refit64(&given, &triangles[1..]).is_err());
+        assert_eq!(answers64(&mesh, &rows), expected, "step {step}");
+    }
+    mesh.refit(&positions, &triangles).expect("as many");
+    let fresh = Mesh::build(&positions, &triangles).expect("sound");
+    assert_eq!(mesh.center(), DVec3::ZERO);
+    let all = rays(2000);
+    assert_eq!(mesh.closest(&all), fresh.closest(&all));
+}
