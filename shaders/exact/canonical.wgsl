@@ -86,8 +86,8 @@ fn canonical_hit(ray: PreparedRay, v0: vec3<u32>, v1: vec3<u32>, v2: vec3<u32>) 
     var a = sub3(v0, origin);
     var b = sub3(v1, origin);
     var c = sub3(v2, origin);
-    // Of a and c, b and a, c and b: one text of an edge function, which is long where its multiply-add is emulated. After
-    // three turns each corner is in its place again.
+    // Of a and c, b and a, c and b. The edge function stands here once, since it is long where its multiply-add is
+    // emulated. After three turns each corner is in its place again.
     var sides = vec3<u32>(0u);
     for (var edge = 0u; edge < 3u; edge++) {
         sides = vec3<u32>(sides.yz, side_of(d, a, c));

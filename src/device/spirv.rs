@@ -68,8 +68,8 @@ pub(crate) enum Checks {
     Proven,
 }
 
-/// Compiles a kernel's WGSL: the entry points of a module, or one of them with what it calls. Drivers optimise the whole
-/// module for each pipeline, which some do slowly.
+/// Compiles a kernel's WGSL: all its entry points, or one of them with what it calls. Drivers optimise the whole module
+/// for each pipeline, which some do slowly.
 ///
 /// # Errors
 /// When naga refuses it, or when it has an operation on numbers that is no sum, difference or product.

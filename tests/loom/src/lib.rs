@@ -42,8 +42,8 @@ fn check(model: impl Fn() + Send + Sync + 'static) {
 }
 
 /// Tries every interleaving of two threads, and those of more threads as [`check`] does: all of three threads, which
-/// take four locks each, are too many. Faults of real programs have shown within two interruptions (Musuvathi and Qadeer
-/// 2007, "Iterative Context Bounding for Systematic Testing of Multithreaded Programs").
+/// take four locks each, are too many. Faults of real programs have shown within two interruptions (Musuvathi and
+/// Qadeer 2007, "Iterative Context Bounding for Systematic Testing of Multithreaded Programs").
 fn check_whole(model: impl Fn() + Send + Sync + 'static) {
     if thread_count() > 2 { check(model) } else { loom::model(model) }
 }

@@ -54,7 +54,8 @@ fn only_a_fused_device_that_keeps_subnormal_numbers_rejects_triangles_without_ma
     assert_eq!(Form::of(Route::Integers, keeps).sides, Sides::WithinMargins);
 }
 
-/// The emulated routes are right on every device; whether the fused one is depends on the device, and few pairs show it.
+/// The emulated routes are right on every device. Whether the fused one is depends on the device, and few pairs show
+/// it.
 #[test]
 fn emulated_routes_have_the_hosts_bits() {
     let gpu = open();
