@@ -76,19 +76,29 @@ fn side_of(direction: vec3<u32>, from_corner: vec3<u32>, to_corner: vec3<u32>) -
 fn have_one_sign(a: u32, b: u32, c: u32) -> bool {
     let is_negative = max(max(a, b), c) > SIGN;
     let is_positive = max(max(bitcast<i32>(a), bitcast<i32>(b)), bitcast<i32>(c)) > 0;
-    return !(is_negative && is_positive);
+    return !(is_negative & is_positive);
 }
 
 // The hit of a triangle whose corners are in the canonical order.
 fn canonical_hit(ray: PreparedRay, v0: vec3<u32>, v1: vec3<u32>, v2: vec3<u32>) -> ExactHit {
     let origin = bitcast<vec3<u32>>(ray.origin);
     let d = bitcast<vec3<u32>>(ray.direction);
-    let a = sub3(v0, origin);
-    let b = sub3(v1, origin);
-    let c = sub3(v2, origin);
-    let u = side_of(d, a, c);
-    let v = side_of(d, b, a);
-    let w = side_of(d, c, b);
+    var a = sub3(v0, origin);
+    var b = sub3(v1, origin);
+    var c = sub3(v2, origin);
+    // Of a and c, b and a, c and b. The edge function stands here once, since it is long where its multiply-add is
+    // emulated. After three turns each corner is in its place again.
+    var sides = vec3<u32>(0u);
+    for (var edge = 0u; edge < 3u; edge++) {
+        sides = vec3<u32>(sides.yz, side_of(d, a, c));
+        let first = a;
+        a = b;
+        b = c;
+        c = first;
+    }
+    let u = sides.x;
+    let v = sides.y;
+    let w = sides.z;
     if !have_one_sign(u, v, w) {
         return NO_HIT;
     }
@@ -104,8 +114,8 @@ fn canonical_hit(ray: PreparedRay, v0: vec3<u32>, v1: vec3<u32>, v2: vec3<u32>) 
     let within = slab_of(ray, min3(min3(v0, v1), v2), max3(max3(v0, v1), v2));
     let t = unsigned_zero(op_min(op_max(plane, within.x), within.y));
     // Distances and the ray's interval have words in the order of numbers.
-    let is_after = (t & SIGN) == 0u && t >= bitcast<u32>(ray.t_min);
-    if rank(within.x) > rank(within.y) || !is_after || t > bitcast<u32>(ray.t_max) {
+    let is_after = ((t & SIGN) == 0u) & (t >= bitcast<u32>(ray.t_min));
+    if (rank(within.x) > rank(within.y)) | !is_after | (t > bitcast<u32>(ray.t_max)) {
         return NO_HIT;
     }
     let scale = op_div(ONE, op_add(op_add(u, v), w));

@@ -26,15 +26,14 @@ fn op_fma(a: u32, b: u32, c: u32) -> u32 {
     let size_a = a & MAGNITUDE;
     let size_b = b & MAGNITUDE;
     let size_c = c & MAGNITUDE;
-    if (size_a == 0u || size_b == 0u) {
-        return select(c, (a ^ b) & c & SIGN, size_c == 0u);
-    }
     let x = bitcast<f32>(a);
     let y = bitcast<f32>(b);
     let product = x * y;
     let size = bitcast<u32>(product) & MAGNITUDE;
-    let is_low = min(size_a, size_b) < NEAR_ZERO || size < LEAST_PRODUCT || is_near_zero(c);
-    undecided = undecided || is_low || max(max(size_a, size_b), max(size, size_c)) >= GREATEST;
+    let is_low = (min(size_a, size_b) < NEAR_ZERO) | (size < LEAST_PRODUCT) | is_near_zero(c);
+    let is_high = max(max(size_a, size_b), max(size, size_c)) >= GREATEST;
+    let has_product = min(size_a, size_b) != 0u;
+    undecided = undecided | (has_product & (is_low | is_high));
     let high_x = upper_half(x);
     let high_y = upper_half(y);
     let low_x = x - high_x;
@@ -44,10 +43,11 @@ fn op_fma(a: u32, b: u32, c: u32) -> u32 {
     let outer = two_sum(product, inner.x);
     let rest = two_sum(inner.y, outer.y);
     // Rounded to odd: one step towards what was cut, if the last bit is even.
-    var odd = bitcast<u32>(rest.x);
+    let even = bitcast<u32>(rest.x);
     let beyond = bitcast<u32>(rest.y);
-    if ((beyond & MAGNITUDE) != 0u && (odd & 1u) == 0u) {
-        odd = select(odd - 1u, odd + 1u, ((beyond ^ odd) & SIGN) == 0u);
-    }
-    return bitcast<u32>(outer.x + bitcast<f32>(odd));
+    let next = select(even - 1u, even + 1u, ((beyond ^ even) & SIGN) == 0u);
+    let odd = select(even, next, ((beyond & MAGNITUDE) != 0u) & ((even & 1u) == 0u));
+    let sum = bitcast<u32>(outer.x + bitcast<f32>(odd));
+    // A product of zero adds nothing but its sign to a zero.
+    return select(select(c, (a ^ b) & c & SIGN, size_c == 0u), sum, has_product);
 }

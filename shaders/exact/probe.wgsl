@@ -39,6 +39,6 @@ fn probe_pairs(@builtin(global_invocation_id) id: vec3<u32>) {
         hit = canonical_hit(prepared, case_at(first + 8u), case_at(first + 11u), case_at(first + 14u));
     }
     // Scenes beyond the largest coordinate are refused when they are loaded.
-    let is_open = fitness == UNCERTAIN || is_undecided() != 0u || scene_reach > MAX_COORDINATE;
+    let is_open = (fitness == UNCERTAIN) | (is_undecided() != 0u) | (scene_reach > MAX_COORDINATE);
     results[slot] = vec4<u32>(hit.t, hit.u, hit.v, hit.is_hit | select(0u, 2u, is_open));
 }

@@ -41,7 +41,7 @@ fn take(ray: PreparedRay, triangle: Triangle, member: TreeInstance, found: ptr<f
         return false;
     }
     // No t is below zero, so words compare as the numbers do.
-    if hit.t > (*found).t || (hit.t == (*found).t && triangle.primitive >= (*found).primitive) {
+    if (hit.t > (*found).t) | ((hit.t == (*found).t) & (triangle.primitive >= (*found).primitive)) {
         return false;
     }
     if triangle.is_masked {
@@ -87,9 +87,9 @@ fn trace(slot: u32, is_any: bool, found: ptr<function, Found>) -> bool {
     if fitness == CERTAIN {
         (*found).t = bitcast<u32>(ray.t_max);
         traverse(ray, found);
-        let is_settled = is_any && (*found).primitive != MISS;
-        is_masked = !is_settled && (*found).masked <= (*found).t;
-        if !is_masked && is_undecided() == 0u {
+        let is_settled = is_any & ((*found).primitive != MISS);
+        is_masked = !is_settled & ((*found).masked <= (*found).t);
+        if !is_masked & (is_undecided() == 0u) {
             return false;
         }
     }

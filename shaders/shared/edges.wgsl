@@ -31,7 +31,7 @@ fn may_be_hit(ray: PreparedRay, sides: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c:
     let signs = bitcast<vec3<i32>>(sides);
     let magnitudes = signs & vec3<i32>(0x7fffffff);
     let ranks = select(magnitudes, -magnitudes, signs < vec3<i32>(0));
-    return all(ranks >= vec3<i32>(-coarse)) || all(ranks <= vec3<i32>(coarse));
+    return all(ranks >= vec3<i32>(-coarse)) | all(ranks <= vec3<i32>(coarse));
 }
 
 // The largest magnitude of nine numbers.

@@ -41,9 +41,9 @@ fn largest_size(v: vec3<f32>) -> f32 {
 
 // Whether a ray hits something by definition: see `CanonicalRay::new`. NaN and infinite coordinates are too large.
 fn can_hit(reach: u32, length: u32, t_min: u32, t_max: u32) -> bool {
-    let is_sound = reach <= MAX_COORDINATE && length >= DIRECTION_MIN && length <= DIRECTION_MAX;
-    let is_interval = !is_nan(t_min) && !is_nan(t_max) && rank(t_min) <= rank(t_max) && rank(t_max) >= 0;
-    return is_sound && is_interval;
+    let is_sound = (reach <= MAX_COORDINATE) & (length >= DIRECTION_MIN) & (length <= DIRECTION_MAX);
+    let is_interval = !is_nan(t_min) & !is_nan(t_max) & (rank(t_min) <= rank(t_max)) & (rank(t_max) >= 0);
+    return is_sound & is_interval;
 }
 
 // REFUSED if the ray hits nothing by definition; UNCERTAIN if numbers are so small that underflow could exceed the
@@ -67,8 +67,8 @@ fn prepare(ray: Ray, scene_max_abs: u32, prepared: ptr<function, PreparedRay>) -
     let pad = vec3<f32>(slack + slack) * sizes;
     let pads = bitcast<vec3<u32>>(pad);
     // If products of a placement are flushed to zero, moved planes are off by up to the smallest normal number.
-    let is_drowned = MEMBERS && bitcast<u32>(slack) < LEAST_PAD;
-    if is_drowned || min(min(pads.x, pads.y), pads.z) < LEAST_PAD {
+    let is_drowned = MEMBERS & (bitcast<u32>(slack) < LEAST_PAD);
+    if is_drowned | (min(min(pads.x, pads.y), pads.z) < LEAST_PAD) {
         return UNCERTAIN;
     }
     let shift = ray.origin * inverse;

@@ -16,7 +16,7 @@ fn traverse(ray: PreparedRay, found: ptr<function, Found>) {
         if reference == NOWHERE {
             return;
         }
-        if MEMBERS && !way.inside {
+        if MEMBERS & !way.inside {
             member = members[reference & ~LEAF];
             if COUNTS {
                 visit_instance();

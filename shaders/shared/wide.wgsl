@@ -30,7 +30,7 @@ fn descend(ray: PreparedRay, reference: u32, member: TreeInstance, limit: i32, w
     let shape = node.corner.w;
     let steps = vec3<f32>(step_of(shape), step_of(shape >> 8u), step_of(shape >> 16u));
     var slots: u32;
-    if MEMBERS && (*way).inside {
+    if MEMBERS & (*way).inside {
         slots = met_moved(ray, node, steps, member, limit);
     } else {
         slots = met(ray, node, steps, limit);
@@ -56,7 +56,7 @@ fn next(ray: PreparedRay, limit: i32, way: ptr<function, Way>) -> u32 {
     if (*way).height == 0u {
         return NOWHERE;
     }
-    (*way).inside = (*way).inside && (*way).height > (*way).bottom;
+    (*way).inside = (*way).inside & ((*way).height > (*way).bottom);
     let top = (*way).height - 1u;
     let waiting = (*way).waiting[top];
     let rest = waiting & (waiting - 1u);

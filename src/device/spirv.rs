@@ -8,6 +8,7 @@
 //! numbers. So no other rounding can reach a result, whatever naga makes of the text.
 
 use naga::back::spv;
+use naga::compact::KeepUnused;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
@@ -67,17 +68,23 @@ pub(crate) enum Checks {
     Proven,
 }
 
-/// Compiles a kernel's WGSL.
+/// Compiles a kernel's WGSL: all its entry points, or one of them with what it calls. Drivers optimise the whole module
+/// for each pipeline, which some do slowly.
 ///
 /// # Errors
 /// When naga refuses it, or when it has an operation on numbers that is no sum, difference or product.
 pub(crate) fn spirv(
     source: &str,
+    entry: Option<&str>,
     controls: FloatControls,
     fma: Fma,
     checks: Checks,
 ) -> Result<Vec<u32>, String> {
-    let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
+    let mut module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
+    if let Some(name) = entry {
+        module.entry_points.retain(|entry| entry.name == name);
+        naga::compact::compact(&mut module, KeepUnused::No);
+    }
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)
         .map_err(|error| error.emit_to_string(source))?;
@@ -179,7 +186,7 @@ mod tests {
     #[test]
     fn every_operation_on_numbers_is_decorated_and_others_are_refused() {
         let compiled = |operation: &str, controls| {
-            spirv(&KERNEL.replace("OPERATION", operation), controls, Fma::Refused, Checks::Kept)
+            spirv(&KERNEL.replace("OPERATION", operation), None, controls, Fma::Refused, Checks::Kept)
         };
         let plain = compiled("words[0] * words[1] + words[2] - words[3]", FloatControls::default());
         let plain = plain.expect("sums and products only");
@@ -214,11 +221,28 @@ mod tests {
     }
 
     #[test]
+    fn a_module_of_one_entry_point_has_nothing_else() {
+        let other = "fn twice(x: f32) -> f32 { return x + x; }
+            @compute @workgroup_size(1) fn other() { words[0] = twice(words[1]); }";
+        let source = KERNEL.replace("OPERATION", "words[0] * words[1]") + other;
+        let counts = |entry| {
+            let words = spirv(&source, entry, FloatControls::default(), Fma::Refused, Checks::Kept);
+            let words = words.expect("a sum and a product");
+            let count = |of| instructions(&words).filter(|(_, number, _)| *number == of).count();
+            [OP_ENTRY_POINT, OP_F_ADD, OP_F_MUL].map(count)
+        };
+        assert_eq!(counts(None), [2, 1, 1]);
+        assert_eq!(counts(Some("main")), [1, 0, 1]);
+        assert_eq!(counts(Some("other")), [1, 1, 0]);
+    }
+
+    #[test]
     fn kernels_ask_for_nothing_that_devices_are_not_opened_with() {
         let source = KERNEL
             .replace("array<f32>", "array<u32>")
             .replace("OPERATION", "pack4xU8(unpack4xU8(words[0]) + unpack4xU8(words[1]))");
-        let words = spirv(&source, FloatControls::default(), Fma::Refused, Checks::Kept).expect("integers");
+        let words = spirv(&source, None, FloatControls::default(), Fma::Refused, Checks::Kept);
+        let words = words.expect("integers");
         let asked: Vec<u32> = instructions(&words)
             .filter(|(_, number, _)| *number == OP_CAPABILITY)
             .map(|(_, _, words)| words[1])

@@ -1,5 +1,5 @@
 // Makes lavapipe a device that flushes subnormal numbers: the threads that this driver starts get the two bits of the
-// control register that say so, all others keep theirs. `tests/run --all` compiles it and has the tests preload it.
+// control register that say so, all others keep theirs. `tests/gpu/with_device` compiles and preloads it.
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <pthread.h>

@@ -94,7 +94,7 @@ fn kernels_have_no_operation_on_numbers_but_sums_differences_and_products() {
         for flushes in [false, true] {
             let kernel = Kernel::new(&program, flushes).unwrap_or_else(|error| panic!("{name}: {error}"));
             for controls in [FloatControls::default(), all] {
-                let words = spirv(&kernel.source, controls, Fma::Refused, Checks::Kept);
+                let words = spirv(&kernel.source, None, controls, Fma::Refused, Checks::Kept);
                 let words = words.unwrap_or_else(|error| panic!("{name}: {error}\n{}", kernel.source));
                 assert!(words.len() > 1000);
             }

@@ -150,8 +150,8 @@ impl GpuProgram {
         let no_vulkan =
             || GpuProgramError::NoVulkan { adapter: info.name.clone(), backend: info.backend.clone() };
         let controls: FloatControls = controls.map_err(GpuProgramError::Lost)?.ok_or_else(no_vulkan)?;
-        let words =
-            spirv(&kernel.source, controls, Fma::Refused, Checks::Kept).map_err(GpuProgramError::Kernel)?;
+        let words = spirv(&kernel.source, None, controls, Fma::Refused, Checks::Kept)
+            .map_err(GpuProgramError::Kernel)?;
         let pipelines = gpu.attempt(|device, _| Pipelines::new(device, &words));
         let pipelines = pipelines.map_err(GpuProgramError::Lost)?.map_err(GpuProgramError::Kernel)?;
         check::operations(gpu, &pipelines, &kernel)?;

@@ -227,7 +227,7 @@ fn the_probe_runs_within_the_module_of_the_pattern() {
     let kernel = Kernel::new(&shader.program(), false).expect("a kernel");
     let controls = gpu.guard(|device, _| Ok(float_controls(device))).expect("the device is there");
     let words =
-        spirv(&kernel.source, controls.expect("Vulkan"), Fma::Refused, Checks::Kept).expect("a module");
+        spirv(&kernel.source, None, controls.expect("Vulkan"), Fma::Refused, Checks::Kept).expect("a module");
     let pipelines = gpu.guard(|device, _| Ok(Pipelines::new(device, &words))).expect("pipelines");
     assert_eq!(check::operations(&gpu, &pipelines, &kernel), Ok(()));
     let mut results = vec![0; 2 * 64];

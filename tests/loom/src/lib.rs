@@ -41,12 +41,23 @@ fn check(model: impl Fn() + Send + Sync + 'static) {
     builder.check(model);
 }
 
+/// Tries every interleaving of two threads, and those of more threads as [`check`] does: all of three threads, which
+/// take four locks each, are too many. Faults of real programs have shown within two interruptions (Musuvathi and
+/// Qadeer 2007, "Iterative Context Bounding for Systematic Testing of Multithreaded Programs").
+fn check_whole(model: impl Fn() + Send + Sync + 'static) {
+    if thread_count() > 2 { check(model) } else { loom::model(model) }
+}
+
+/// Threads that want the same stripe: always two, besides the model's own, which wants another. Of three, two may wait
+/// and yield to each other without end, so loom, which tries that too, never ends.
+const CONTENDERS: u32 = 2;
+
 #[test]
 fn a_locked_stripe_excludes_other_threads_and_shows_what_they_wrote() {
     loom::model(|| {
         let stripes = Arc::new(Stripes::new(2 * STRIPE_PIXELS as usize));
         let sum = Arc::new(AtomicU64::new(0));
-        let threads: Vec<_> = (0..thread_count() as u32)
+        let threads: Vec<_> = (0..CONTENDERS)
             .map(|thread| {
                 let (stripes, sum) = (stripes.clone(), sum.clone());
                 thread::spawn(move || {
@@ -60,13 +71,13 @@ fn a_locked_stripe_excludes_other_threads_and_shows_what_they_wrote() {
         drop(stripes.lock(0));
         threads.into_iter().for_each(|thread| thread.join().expect("no panic"));
         let _stripe = stripes.lock(STRIPE_PIXELS);
-        assert_eq!(sum.load(Relaxed), thread_count() as u64);
+        assert_eq!(sum.load(Relaxed), u64::from(CONTENDERS));
     });
 }
 
 #[test]
 fn no_slot_of_an_arena_has_two_owners_and_every_count_ends_at_zero() {
-    loom::model(|| {
+    check_whole(|| {
         let arena: Arc<Arena<()>> = Arc::new(Arena::new());
         let owned = Arc::new(Mutex::new(Vec::new()));
         let threads: Vec<_> = (0..thread_count())

@@ -7,9 +7,10 @@
 //! margins reject them first, since emulated arithmetic is slow, and rays that come near subnormal numbers are left to
 //! the host. Boxes have their pads everywhere: one that is entered a little too early changes no answer.
 //!
-//! A device is not trusted: each module has entry points that compare the route and the whole test with the host's
-//! before the module is used (once a process for all scenes of a kind: a driver compiles the same words alike). A
-//! sample of every dispatch is checked as ever.
+//! A device is not trusted: entry points compare the route and the whole test with the host's before the kernels of the
+//! same text are used (once a process for all scenes of a kind: a driver compiles the same words alike). Each entry
+//! point is a module of its own, since drivers optimise all of a module for each pipeline. A sample of every dispatch
+//! is checked as ever.
 
 mod cases;
 mod probe;
@@ -130,7 +131,7 @@ impl ExactKernels {
         if let Some(Err(reason)) = known {
             return Err(reason);
         }
-        let module = Module::new(gpu, &source(shape), (form.route, controls))?;
+        let module = Module { source: source(shape), route: form.route, controls };
         if known.is_none() {
             let found = module.check(gpu);
             if gpu.lost().is_none() {
@@ -138,83 +139,66 @@ impl ExactKernels {
             }
             found?;
         }
-        let kernel = |kernel: Kernel| {
-            gpu.attempt(|device, _| {
-                let groups = [Some(layouts.scene), Some(layouts.request)];
-                module.pipeline(device, kernel.name(), &groups)
-            })
-            .and_then(|made| made)
-        };
+        let groups = [Some(layouts.scene), Some(layouts.request)];
+        let kernel = |kernel: Kernel| module.pipeline(gpu, kernel.name(), &groups);
         // Drivers compile each for itself.
         let (closest, any) = rayon::join(|| kernel(Kernel::TraceClosest), || kernel(Kernel::TraceAny));
         Ok(Self { form, closest: closest?, any: any? })
     }
 }
 
-/// A compiled module.
-struct Module(wgpu::ShaderModule);
-
-/// What the probe of the fused multiply-add needs, and the layout of all probes.
-struct Probes {
-    fma: wgpu::ComputePipeline,
-    layout: wgpu::BindGroupLayout,
+/// A module, each of whose entry points is compiled by itself.
+struct Module {
+    source: String,
+    route: Route,
+    controls: FloatControls,
 }
 
-const ENTRIES: [&str; 4] = ["trace_closest", "trace_any", "probe_fma", "probe_pairs"];
-
 impl Module {
-    fn new(gpu: &Gpu, source: &str, (route, controls): (Route, FloatControls)) -> Result<Self, String> {
-        // `unchecked_module` has the proofs.
-        let words = spirv(source, controls, route.fma(), Checks::Proven)?;
-        let made = gpu.attempt(|device, _| module(device, "exact", &words, &ENTRIES));
-        Ok(Self(made.and_then(|made| made)?))
-    }
-
     /// Compares the module's arithmetic with the host's.
     ///
     /// # Errors
     /// When it differs, or the device is lost.
     fn check(&self, gpu: &Gpu) -> Result<(), String> {
-        let probes = self.probes(gpu)?;
-        probe::check_fma(gpu, &probes.fma)?;
-        probe::check_pairs(gpu, &self.pairs_probe(gpu, &probes)?)
+        probe::check_fma(gpu, &self.probe(gpu, "probe_fma")?)?;
+        probe::check_pairs(gpu, &self.probe(gpu, "probe_pairs")?)
     }
 
+    /// The pipeline of an entry point.
+    ///
+    /// # Errors
+    /// When naga or the device refuses it, or the device is lost.
     fn pipeline(
         &self,
-        device: &wgpu::Device,
-        entry: &str,
+        gpu: &Gpu,
+        entry: &'static str,
         groups: &[Option<&wgpu::BindGroupLayout>],
-    ) -> wgpu::ComputePipeline {
-        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some(entry),
-            bind_group_layouts: groups,
-            immediate_size: 0,
-        });
-        device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(entry),
-            layout: Some(&layout),
-            module: &self.0,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        })
-    }
-
-    /// The probe of the fused multiply-add, which takes little time to compile.
-    fn probes(&self, gpu: &Gpu) -> Result<Probes, String> {
+    ) -> Result<wgpu::ComputePipeline, String> {
+        // `unchecked_module` has the proofs.
+        let words = spirv(&self.source, Some(entry), self.controls, self.route.fma(), Checks::Proven)?;
         let made = gpu.attempt(|device, _| {
-            let layout = probe::layout(device);
-            let fma = self.pipeline(device, "probe_fma", &[None, None, Some(&layout)]);
-            Probes { fma, layout }
+            let module = module(device, entry, &words, &[entry]);
+            let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(entry),
+                bind_group_layouts: groups,
+                immediate_size: 0,
+            });
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&layout),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
         });
         made.and_then(|made| made)
     }
 
-    /// The probe of the canonical test.
-    fn pairs_probe(&self, gpu: &Gpu, probes: &Probes) -> Result<wgpu::ComputePipeline, String> {
-        let groups = [None, None, Some(&probes.layout)];
-        gpu.attempt(|device, _| self.pipeline(device, "probe_pairs", &groups)).and_then(|made| made)
+    /// The pipeline of a probe.
+    fn probe(&self, gpu: &Gpu, entry: &'static str) -> Result<wgpu::ComputePipeline, String> {
+        let layout = gpu.attempt(|device, _| probe::layout(device)).and_then(|made| made)?;
+        self.pipeline(gpu, entry, &[None, None, Some(&layout)])
     }
 }
 
