@@ -1,5 +1,6 @@
 //! Materials of recipes.
 
+use super::openpbr::OpenPbrRecipe;
 use super::unique::unique;
 use super::within;
 use crate::scene::{
@@ -21,11 +22,16 @@ use std::collections::BTreeMap;
 /// "leaf": { "colour": [0.1, 0.3, 0.05], "roughness": 0.5,
 ///           "diffuse_transmission": { "share": 0.4, "colour": [0.4, 0.7, 0.1] } }
 /// ```
+///
+/// A material with `openpbr` has OpenPBR's surface instead.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialRecipe {
-    /// Linear Rec. 709. The texture multiplies it.
-    pub colour: Vec3,
+    /// Linear Rec. 709. The texture multiplies it. All materials have one, except those with `openpbr`.
+    pub colour: Option<Vec3>,
+    /// OpenPBR's surface. Of the other fields only `texture`, `anisotropy_degrees`, `absorption`, `emission`,
+    /// `surface` and `options` have an effect beside it.
+    pub openpbr: Option<OpenPbrRecipe>,
     /// Name of a texture.
     pub texture: Option<String>,
     /// Perceptual roughness, 0..=1.
@@ -162,8 +168,17 @@ impl MaterialRecipe {
 
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, texture: Option<TextureRef>) -> Result<Material, String> {
-        let colour = Colour { texture, ..Colour::constant(shares("colour", self.colour)?) };
         self.check()?;
+        if let Some(openpbr) = &self.openpbr {
+            return self.openpbr(name, openpbr, texture);
+        }
+        let Some(colour) = self.colour else {
+            return Err(
+                "it has neither a colour nor openpbr; give it a colour, such as [0.8, 0.8, 0.8]".into()
+            );
+        };
+        let transmittance = shares("colour", colour)?;
+        let colour = Colour { texture, ..Colour::constant(transmittance) };
         let is_coated = !self.coats.is_empty();
         if is_coated && (self.ior.is_some() || self.mirror) {
             return Err(
@@ -172,9 +187,9 @@ impl MaterialRecipe {
         }
         let surface = if let Some(ior) = self.ior {
             match (self.roughness.unwrap_or(0.0), self.dispersion) {
-                (0.0, 0.0) => Surface::Dielectric { ior, transmittance: self.colour },
+                (0.0, 0.0) => Surface::Dielectric { ior, transmittance },
                 (rough, dispersion) => {
-                    let glass = Principled::glass(ior, self.colour, Scalar::constant(rough));
+                    let glass = Principled::glass(ior, transmittance, Scalar::constant(rough));
                     Surface::Principled(Principled { dispersion, ..glass })
                 }
             }
@@ -194,6 +209,54 @@ impl MaterialRecipe {
         let medium = self.absorption.map(Absorption::medium).transpose()?.flatten();
         let (normal_map, alpha) = (None, Alpha::default());
         Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+    }
+
+    /// The material of OpenPBR's surface.
+    fn openpbr(
+        &self,
+        name: &str,
+        openpbr: &OpenPbrRecipe,
+        texture: Option<TextureRef>,
+    ) -> Result<Material, String> {
+        if self.colour.is_some() {
+            return Err("it has both a colour and openpbr; write base-color in openpbr".into());
+        }
+        openpbr.check()?;
+        let surface = Surface::OpenPbr(openpbr.surface(texture, self.anisotropy_degrees.to_radians()));
+        let mut radiance = self.emission;
+        if self.openpbr_shines() {
+            if radiance.is_some() {
+                return Err("it has both emission and emission-luminance; keep one of them".into());
+            }
+            radiance = Some(openpbr.radiance());
+        }
+        let emission = radiance.map(emission).transpose()?;
+        let medium = match &self.absorption {
+            Some(absorption) => absorption.medium()?,
+            None => openpbr.medium(),
+        };
+        Ok(Material {
+            name: name.into(),
+            surface,
+            emission,
+            normal_map: None,
+            alpha: openpbr.alpha(),
+            medium,
+        })
+    }
+
+    fn openpbr_shines(&self) -> bool {
+        self.openpbr.is_some_and(|of| of.radiance() != Vec3::ZERO)
+    }
+
+    /// True if the material emits light.
+    pub(super) fn has_emission(&self) -> bool {
+        self.emission.is_some() || self.openpbr_shines()
+    }
+
+    /// True if its body has a medium.
+    pub(super) fn has_absorption(&self) -> bool {
+        self.absorption.is_some() || self.openpbr.is_some_and(|of| of.medium().is_some())
     }
 
     /// glTF's surface without coats.
@@ -253,6 +316,9 @@ impl MaterialRecipe {
 
     /// Fields that are given but have no effect on the kind of surface, as the rest of a sentence.
     pub(super) fn unused(&self) -> Option<String> {
+        if self.openpbr.is_some() {
+            return self.unused_beside_openpbr();
+        }
         let (kind, layered) = match (self.ior, self.mirror, self.roughness) {
             (Some(_), ..) => ("glass", false),
             (None, true, _) => ("mirrors", false),
@@ -276,8 +342,26 @@ impl MaterialRecipe {
         ];
         let unused: Vec<&str> =
             given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
-        let verb = if unused.len() > 1 { "have" } else { "has" };
-        (!unused.is_empty()).then(|| format!("{} {verb} no effect on {kind}", unused.join(", ")))
+        unused_on(kind, &unused)
+    }
+
+    fn unused_beside_openpbr(&self) -> Option<String> {
+        let given = [
+            ("roughness", self.roughness.is_some()),
+            ("metallic", self.metallic != 0.0),
+            ("clearcoat", self.clearcoat != 0.0),
+            ("coats", !self.coats.is_empty()),
+            ("anisotropy", self.anisotropy != 0.0),
+            ("sheen", self.sheen.is_some()),
+            ("film", self.film.is_some()),
+            ("ior", self.ior.is_some()),
+            ("dispersion", self.dispersion != 0.0),
+            ("diffuse_transmission", self.diffuse_transmission.is_some()),
+            ("mirror", self.mirror),
+        ];
+        let unused: Vec<&str> =
+            given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
+        unused_on("OpenPBR's surface", &unused)
     }
 
     /// Adds the coats to the surface below them.
@@ -296,6 +380,11 @@ impl MaterialRecipe {
         surface.coats = Coats::new(over).expect("not too many");
         Ok(surface)
     }
+}
+
+fn unused_on(kind: &str, unused: &[&str]) -> Option<String> {
+    let verb = if unused.len() > 1 { "have" } else { "has" };
+    (!unused.is_empty()).then(|| format!("{} {verb} no effect on {kind}", unused.join(", ")))
 }
 
 impl Translucency {

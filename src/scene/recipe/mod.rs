@@ -28,6 +28,7 @@
 mod material;
 mod mix;
 mod object;
+mod openpbr;
 mod pattern;
 mod shape;
 mod unique;
@@ -36,6 +37,7 @@ mod view;
 pub use material::{Absorption, CoatRecipe, MaterialRecipe, SheenLayer, ThinFilm, Translucency};
 pub use mix::Mix;
 pub use object::Object;
+pub use openpbr::{ColorSpace, OpenPbrRecipe};
 pub use pattern::Pattern;
 pub use shape::Shape;
 pub use view::{ApertureRecipe, IntrinsicsRecipe, View};
