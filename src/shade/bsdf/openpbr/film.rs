@@ -45,11 +45,6 @@ fn amplitude<L: Lanes>([a, b]: Complex<L>, [c, d]: Complex<L>) -> Complex<L> {
     [re * scale, im * scale]
 }
 
-/// The medium below a film in one channel: its index of refraction relative to the medium above the film, squared.
-struct Below<L: Lanes> {
-    squared: Complex<L>,
-}
-
 impl<L: Lanes> Film<L> {
     /// Reflectance of a facet of a transparent medium of relative index `eta` at a cosine. From beyond the critical
     /// angle it is 1.
@@ -65,20 +60,20 @@ impl<L: Lanes> Film<L> {
         cosine.lanes().outlined(OnMetal { film: *self, f0, edge, cosine })
     }
 
+    /// Reflectance at a wavelength. `below` is the square of the index of refraction of the medium below the film,
+    /// relative to the medium above it.
     #[inline(always)]
-    fn reflected(&self, below: &Below<L>, cosine: Num<L>, wavelength: f32) -> Num<L> {
+    fn reflected(&self, below: Complex<L>, cosine: Num<L>, wavelength: f32) -> Num<L> {
         let zero = Num::zero(cosine.lanes());
         let sine2 = (1.0 - cosine * cosine).clamp(0.0, 1.0);
         let eta = self.eta;
         let inner = (1.0 - sine2 / (eta * eta)).clamp(0.0, 1.0).sqrt();
         // Index × cosine in the medium below, by the root of a complex number.
-        let [re, im] = below.squared;
+        let [re, im] = below;
         let re_rest = re - sine2;
         let length = (re_rest * re_rest + im * im).sqrt();
-        let one = Num::splat(cosine.lanes(), f32::MAX);
-        let upper = ((length + re_rest) * 0.5).max(zero).min(one).sqrt();
-        let lower = ((length - re_rest) * 0.5).max(zero).min(one).sqrt();
-        let deep = [upper, lower];
+        let root = |x: Num<L>| (x * 0.5).clamp(0.0, f32::MAX).sqrt();
+        let deep = [root(length + re_rest), root(length - re_rest)];
         let turns = self.ior * self.thickness * inner * (2.0 / wavelength);
         let (sine, cos) = trigonometry::sin_cos_turns(turns - turns.floor());
         let across = {
@@ -113,10 +108,10 @@ impl<L: Lanes> OutlinedTask<L> for OnDielectric<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Vector<L> {
         let Self { film, eta, cosine } = self;
-        let below = Below { squared: [eta * eta, Num::zero(l)] };
+        let below = [eta * eta, Num::zero(l)];
         let mut shares = [Num::zero(l); 3];
         for (share, wavelength) in shares.iter_mut().zip(WAVELENGTHS) {
-            *share = film.reflected(&below, cosine, wavelength);
+            *share = film.reflected(below, cosine, wavelength);
         }
         let (bare, _) = fresnel::dielectric(cosine, eta);
         let total = bare.ge(Num::splat(l, 1.0));
@@ -145,8 +140,8 @@ impl<L: Lanes> OutlinedTask<L> for OnMetal<L> {
             let n = ((1.0 + root) / (1.0 - root)).lerp((1.0 - r) / (1.0 + r), edge);
             let k2 = (r * (n + 1.0).squared() - (n - 1.0).squared()) / (1.0 - r);
             let k2 = k2.max(Num::zero(l));
-            let below = Below { squared: [n * n - k2, n * k2.sqrt() * 2.0] };
-            *share = film.reflected(&below, cosine, wavelength);
+            let below = [n * n - k2, n * k2.sqrt() * 2.0];
+            *share = film.reflected(below, cosine, wavelength);
         }
         Vector::from_columns(shares)
     }

@@ -8,6 +8,9 @@ use super::through::Further;
 use crate::lanes::{Lanes, Num, OutlinedTask, Vector};
 use glam::Vec3;
 
+/// Factor of the lost light that a translucent base gets back: its table is coarser than that of reflection.
+const THROUGH_KEPT: f32 = 0.93;
+
 /// Shares of the layers towards a direction above the surface.
 #[derive(Clone, Copy)]
 pub struct Facing<L: Lanes> {
@@ -53,7 +56,9 @@ impl<L: Lanes> OpenPbr<L> {
             Some((coat, _)) => coat.weight,
         };
         let further = further.map(|through| {
-            through.further(&self.facets, &self.interface, covered, self.tint, wo).scaled(self.kept[0])
+            through
+                .further(&self.facets, &self.interface, covered, self.tint, wo)
+                .scaled(self.kept[0] * THROUGH_KEPT)
         });
         let mut passed = self.mean_passed(&base, &coat);
         let (bent, roughness) = (self.interface.eta.below(1.0), self.diffuse.roughness);
@@ -61,7 +66,7 @@ impl<L: Lanes> OpenPbr<L> {
             // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base
             // gets less. So does a rough one, which sends more of its light where more passes.
             let most = self.facing(&base, &coat, Vector::splat(wo.lanes(), Vec3::Z)).passed;
-            passed = passed.lerp(most.max(passed), Num::select(bent, roughness * 0.5 + 0.2, roughness * 0.1));
+            passed = passed.lerp(most.max(passed), Num::select(bent, roughness * 0.5 + 0.2, roughness * 0.2));
         }
         View { passed, base, coat, near, strength, further }
     }
