@@ -8,7 +8,7 @@
 use super::path_state::PathState;
 use crate::geom::Sampler;
 use crate::lanes::{Lanes, Mask, Vector};
-use crate::scene::{Material, Principled, Surface};
+use crate::scene::{Material, Surface};
 
 /// The channels: red, green and blue.
 const CHANNELS: usize = 3;
@@ -35,7 +35,11 @@ impl ByChannel {
     pub fn sorted(material: &Material, rays: &[u32], states: &[PathState], seed: u64) -> Option<Self> {
         match &material.surface {
             Surface::Principled(surface) if surface.is_dispersive() => {
-                Some(Self::of(surface, rays, states, seed))
+                let of = |channel| Surface::Principled(surface.of_channel(channel));
+                Some(Self::of(of, rays, states, seed))
+            }
+            Surface::OpenPbr(surface) if surface.is_dispersive() => {
+                Some(Self::of(|channel| Surface::OpenPbr(surface.of_channel(channel)), rays, states, seed))
             }
             _ => None,
         }
@@ -43,11 +47,8 @@ impl ByChannel {
 
     /// Out of line: few materials are dispersive.
     #[cold]
-    fn of(surface: &Principled, rays: &[u32], states: &[PathState], seed: u64) -> Self {
-        let channels = std::array::from_fn(|channel| OneChannel {
-            channel,
-            surface: Surface::Principled(surface.of_channel(channel)),
-        });
+    fn of(surface: impl Fn(usize) -> Surface, rays: &[u32], states: &[PathState], seed: u64) -> Self {
+        let channels = std::array::from_fn(|channel| OneChannel { channel, surface: surface(channel) });
         let mut sorted = Self { rays: Default::default(), channels };
         for &ray in rays {
             let state = &states[ray as usize];

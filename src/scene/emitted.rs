@@ -124,6 +124,7 @@ impl Scene {
         let is_clear = |surface: &Surface| match surface {
             Surface::Dielectric { .. } => true,
             Surface::Principled(of) => of.transmission.factor > 0.0,
+            Surface::OpenPbr(of) => of.transmission_weight.factor > 0.0,
             _ => false,
         };
         let blocks = self.materials.iter();

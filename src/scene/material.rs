@@ -1,6 +1,6 @@
 //! Materials as scene files describe them. `shade` converts them to BSDFs.
 
-use super::{Channel, Medium, Principled, TextureRef};
+use super::{Channel, Medium, OpenPbr, Principled, TextureRef};
 use glam::{Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
@@ -74,6 +74,8 @@ pub enum Surface {
     Scattering(u32),
     /// Index into [`super::Scene::mixes`]. A hit on a mix is resolved to one of its parts before it is shaded.
     Mix(u32),
+    /// OpenPBR's surface.
+    OpenPbr(OpenPbr),
 }
 
 /// Light that a surface emits, with the same radiance in all directions.

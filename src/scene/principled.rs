@@ -82,6 +82,14 @@ impl Default for Principled {
 /// define the Abbe number.
 const LINES_NM: [f32; 3] = [656.3, 587.6, 486.1];
 
+/// The index of refraction for red (0), green (1) or blue light (2) of a medium of index `ior` and a dispersion of 20
+/// divided by the Abbe number. At least 1.
+pub(super) fn index_for_channel(ior: f32, dispersion: f32, channel: usize) -> f32 {
+    let spread = (ior - 1.0) * dispersion / 20.0;
+    let place = 523_655.0 / (LINES_NM[channel] * LINES_NM[channel]) - 1.5168;
+    (ior + spread * place).max(1.0)
+}
+
 impl Principled {
     /// True if the surface refracts red, green and blue light differently.
     #[inline]
@@ -92,9 +100,7 @@ impl Principled {
     /// The index of refraction for red (0), green (1) or blue light (2): the first two terms of Cauchy's equation, as
     /// KHR_materials_dispersion gives them, at Fraunhofer's lines C, d and F. At least 1.
     pub fn index_of_refraction(&self, channel: usize) -> f32 {
-        let spread = (self.ior - 1.0) * self.dispersion / 20.0;
-        let place = 523_655.0 / (LINES_NM[channel] * LINES_NM[channel]) - 1.5168;
-        (self.ior + spread * place).max(1.0)
+        index_for_channel(self.ior, self.dispersion, channel)
     }
 
     /// The surface for red (0), green (1) or blue light (2). It refracts with that light's index of refraction, and

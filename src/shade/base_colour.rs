@@ -19,6 +19,10 @@ pub fn base_colour<L: Lanes>(scene: &Scene, material: &Material, at: &Interactio
             lookup::albedo(scene, colour, &at.texture)
         }
         Surface::Principled(surface) => lookup::albedo(scene, &surface.base_colour, &at.texture),
+        Surface::OpenPbr(surface) => {
+            lookup::albedo(scene, &surface.base_color, &at.texture)
+                * lookup::share(scene, &surface.base_weight, &at.texture)
+        }
         Surface::Dielectric { transmittance, .. } => {
             Vector::splat(l, transmittance.clamp(Vec3::ZERO, Vec3::ONE))
         }

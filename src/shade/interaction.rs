@@ -307,27 +307,26 @@ impl<'a> Maps<'a> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn of(scene: &'a Scene, material: &'a Material) -> Self {
         let set = |map: &NormalMap| map.texture.set;
-        let (normal, mut sets) = (material.normal_map.is_some(), material.normal_map.as_ref().map(set));
-        let (surface, mut rough) = (&material.surface, None);
-        let surface = match surface {
-            Surface::Principled(surface) => Some(surface),
+        let normal = material.normal_map.is_some();
+        let (mut surface, mut anisotropy, mut coat) = (None, None, None);
+        match &material.surface {
+            Surface::Principled(of) => surface = Some(of),
             Surface::Procedural(index) => {
                 let coded = &scene.procedurals[*index as usize];
-                rough = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
-                coded.own().map(OwnSurface::surface)
+                anisotropy = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
+                surface = coded.own().map(OwnSurface::surface);
             }
-            _ => None,
-        };
-        let Some(surface) = surface else {
-            return Self { normal, anisotropy: rough, coat: None, set: sets.unwrap_or(0) };
-        };
-        let own_coat = surface.has_own_coat(material.normal_map.as_ref());
-        let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
-        let anisotropy = surface.anisotropy.as_ref().or(rough);
-        if sets.is_none() {
-            let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
-            sets = coat.flatten().map(set).or_else(|| anisotropy.and_then(direction));
+            Surface::OpenPbr(of) => anisotropy = of.specular_anisotropy.as_ref(),
+            _ => {}
         }
+        if let Some(surface) = surface {
+            let own_coat = surface.has_own_coat(material.normal_map.as_ref());
+            coat = own_coat.then_some(surface.coat_normal_map.as_ref());
+            anisotropy = surface.anisotropy.as_ref().or(anisotropy);
+        }
+        let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
+        let sets = material.normal_map.as_ref().map(set);
+        let sets = sets.or_else(|| coat.flatten().map(set)).or_else(|| anisotropy.and_then(direction));
         Self { normal, anisotropy, coat, set: sets.unwrap_or(0) }
     }
 

@@ -11,6 +11,7 @@ mod gltf_animation;
 mod gltf_broken;
 mod gltf_instancing;
 mod gltf_materials;
+mod gltf_openpbr;
 mod gltf_pointer;
 mod hostile;
 mod instances;

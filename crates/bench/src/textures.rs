@@ -8,8 +8,8 @@ use raystream::engine::PreparedScene;
 use raystream::lanes::{Num, SingleLane};
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{
-    Anisotropy, Camera, Colour, DiffuseTransmission, Emission, Footprint, Iridescence, Mipmap, Principled,
-    Scalar, Scene, Sheen, Surface, Texture, TextureRef,
+    Anisotropy, Camera, Colour, DiffuseTransmission, Emission, Footprint, Iridescence, Mipmap, OpenPbr,
+    OpenPbrCoat, OpenPbrFuzz, Principled, Scalar, Scene, Sheen, Surface, Texture, TextureRef,
 };
 use raystream::schedule::{JobOptions, Service, TaskKind};
 use serde::Serialize;
@@ -190,6 +190,43 @@ fn constant(scene: &Scene) -> Scene {
                     diffuse_transmission: of
                         .diffuse_transmission
                         .map(|of| DiffuseTransmission { share: scalar(of.share), colour: colour(of.colour) }),
+                    ..*of
+                };
+            }
+            Surface::OpenPbr(of) => {
+                *of = OpenPbr {
+                    base_weight: scalar(of.base_weight),
+                    base_color: colour(of.base_color),
+                    base_diffuse_roughness: scalar(of.base_diffuse_roughness),
+                    base_metalness: scalar(of.base_metalness),
+                    specular_weight: scalar(of.specular_weight),
+                    specular_color: colour(of.specular_color),
+                    specular_roughness: scalar(of.specular_roughness),
+                    specular_anisotropy: of.specular_anisotropy.map(|of| Anisotropy {
+                        strength: scalar(of.strength),
+                        direction: None,
+                        ..of
+                    }),
+                    transmission_weight: scalar(of.transmission_weight),
+                    transmission_color: colour(of.transmission_color),
+                    coat: of.coat.map(|of| OpenPbrCoat {
+                        weight: scalar(of.weight),
+                        color: colour(of.color),
+                        roughness: scalar(of.roughness),
+                        anisotropy: scalar(of.anisotropy),
+                        ..of
+                    }),
+                    fuzz: of.fuzz.map(|of| OpenPbrFuzz {
+                        weight: scalar(of.weight),
+                        color: colour(of.color),
+                        roughness: scalar(of.roughness),
+                    }),
+                    thin_film: of.thin_film.map(|of| Iridescence {
+                        strength: scalar(of.strength),
+                        thickness_nm: [thickness(&of); 2],
+                        thickness_texture: None,
+                        ..of
+                    }),
                     ..*of
                 };
             }

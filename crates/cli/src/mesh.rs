@@ -128,6 +128,15 @@ impl Factors {
                 }
                 factors.thin = surface.thin.into();
             }
+            Surface::OpenPbr(surface) => {
+                (factors.base, factors.ior) = (surface.base_color, surface.specular_ior);
+                factors.base.factor *= surface.base_weight.factor;
+                (factors.metallic, factors.roughness) =
+                    (surface.base_metalness.factor, surface.specular_roughness.factor);
+                (factors.specular, factors.transmission) =
+                    (surface.specular_weight.factor, surface.transmission_weight.factor);
+                factors.thin = surface.thin_walled.into();
+            }
             _ => {}
         }
         factors

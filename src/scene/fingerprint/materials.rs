@@ -3,8 +3,8 @@
 use super::{Encode, Encoder, encode_fields};
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Colour, ColourSpace, DiffuseTransmission,
-    Emission, Iridescence, Material, Medium, Mix, NormalMap, Principled, Scalar, Sheen, Surface, Texture,
-    TextureRef, Wrap,
+    Emission, Iridescence, Material, Medium, Mix, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Principled,
+    Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
 };
 
 encode_fields!(TextureRef { texture, set, offset, rotation, scale });
@@ -40,6 +40,26 @@ encode_fields!(Principled {
     diffuse_transmission,
     dispersion
 });
+encode_fields!(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening });
+encode_fields!(OpenPbrFuzz { weight, color, roughness });
+encode_fields!(OpenPbr {
+    base_weight,
+    base_color,
+    base_diffuse_roughness,
+    base_metalness,
+    specular_weight,
+    specular_color,
+    specular_roughness,
+    specular_anisotropy,
+    specular_ior,
+    transmission_weight,
+    transmission_color,
+    dispersion,
+    coat,
+    fuzz,
+    thin_film,
+    thin_walled
+});
 encode_fields!(Material { surface, emission, normal_map, alpha, medium } except { name });
 
 impl Encode for Surface {
@@ -73,6 +93,10 @@ impl Encode for Surface {
             Self::Mix(index) => {
                 to.variant(6);
                 index.encode(to);
+            }
+            Self::OpenPbr(surface) => {
+                to.variant(7);
+                surface.encode(to);
             }
         }
     }

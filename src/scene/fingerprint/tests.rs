@@ -5,8 +5,8 @@ use crate::lanes::Lanes;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
     Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mipmap,
-    Mix, NormalMap, Object, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface,
-    Texture, TextureRef, TriangleMesh, Wrap,
+    Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Points, Principled, Procedural,
+    ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -160,6 +160,49 @@ fn every_field_of_a_material_counts() {
 }
 
 #[test]
+fn every_parameter_of_openpbr_counts() {
+    let textured = Scalar { factor: 0.75, texture: Some((TEXTURE, Channel::G)) };
+    let anisotropy = Anisotropy { strength: textured, rotation: 0.5, direction: None };
+    let film =
+        Iridescence { strength: textured, ior: 1.5, thickness_nm: [100.0, 400.0], thickness_texture: None };
+    each_field_counts!(
+        OpenPbr::default(),
+        OpenPbr {
+            base_weight: textured,
+            base_color: colour(0.5),
+            base_diffuse_roughness: textured,
+            base_metalness: textured,
+            specular_weight: textured,
+            specular_color: colour(0.5),
+            specular_roughness: textured,
+            specular_anisotropy: Some(anisotropy),
+            specular_ior: 1.25,
+            transmission_weight: textured,
+            transmission_color: colour(0.5),
+            dispersion: 0.5,
+            coat: Some(OpenPbrCoat::default()),
+            fuzz: Some(OpenPbrFuzz::default()),
+            thin_film: Some(film),
+            thin_walled: true,
+        }
+    );
+    let coat = OpenPbrCoat::default();
+    each_field_counts!(
+        coat,
+        OpenPbrCoat {
+            weight: textured,
+            color: colour(0.5),
+            roughness: textured,
+            anisotropy: textured,
+            ior: 1.25,
+            darkening: 0.5,
+        }
+    );
+    let fuzz = OpenPbrFuzz::default();
+    each_field_counts!(fuzz, OpenPbrFuzz { weight: textured, color: colour(0.5), roughness: textured });
+}
+
+#[test]
 fn every_part_of_a_material_counts() {
     let emission = Emission { radiance: colour(4.0), two_sided: false, is_light: true };
     let bumps = NormalMap { texture: TEXTURE, scale: 1.0 };
@@ -193,6 +236,7 @@ fn every_variant_and_its_fields_count() {
         ("another scattering", Surface::Scattering(2)),
         ("mix", Surface::Mix(1)),
         ("another mix", Surface::Mix(2)),
+        ("OpenPBR", Surface::OpenPbr(OpenPbr::default())),
     ]);
     all_differ([
         ("opaque", AlphaMode::Opaque),

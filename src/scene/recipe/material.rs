@@ -1,5 +1,6 @@
 //! Materials of recipes.
 
+use super::openpbr::OpenPbrRecipe;
 use super::unique::unique;
 use super::within;
 use crate::scene::{
@@ -22,12 +23,16 @@ use std::collections::BTreeMap;
 /// "leaf": { "colour": [0.1, 0.3, 0.05], "roughness": 0.5,
 ///           "diffuse_transmission": { "share": 0.4, "colour": [0.4, 0.7, 0.1] } }
 /// ```
+///
+/// A material with `openpbr` has OpenPBR's surface instead.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialRecipe {
     /// Linear Rec. 709. The texture multiplies it. White by default.
-    #[serde(default = "white")]
-    pub colour: Vec3,
+    pub colour: Option<Vec3>,
+    /// OpenPBR's surface. Of the other fields only textures, `normal_scale`, `alpha`, `alpha_cutoff`,
+    /// `anisotropy_degrees`, `absorption`, `emission`, `surface` and `options` have an effect beside it.
+    pub openpbr: Option<OpenPbrRecipe>,
     /// Name of the texture that multiplies `colour`. Its alpha multiplies `alpha`.
     pub texture: Option<String>,
     /// Name of a tangent-space normal map, as glTF's: red, green and blue are x along u, y upwards and z outwards.
@@ -227,21 +232,42 @@ impl MaterialRecipe {
 
     /// The material. An error names a number that is out of range, and the range.
     pub(super) fn material(&self, name: &str, textures: &MaterialTextures) -> Result<Material, String> {
-        let texture = textures.colour.map(|texture| texture.reference);
-        let colour = Colour { texture, ..Colour::constant(shares("colour", self.colour)?) };
         self.check()?;
+        let surface = match &self.openpbr {
+            Some(openpbr) => self.openpbr(openpbr, textures)?,
+            None => self.surface(textures)?,
+        };
+        let mut emission = self.radiance()?.map(emission).transpose()?;
+        if let (Some(emission), Some(texture)) = (&mut emission, textures.emission) {
+            emission.radiance.texture = Some(texture.reference);
+        }
+        let medium = match (&self.absorption, &self.openpbr) {
+            (Some(absorption), _) => absorption.medium()?,
+            (None, openpbr) => openpbr.as_ref().and_then(OpenPbrRecipe::medium),
+        };
+        let normal_map =
+            textures.normal.map(|texture| NormalMap { texture: texture.reference, scale: self.normal_scale });
+        let alpha = self.coverage(textures.colour);
+        Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+    }
+
+    /// The surface of a material without OpenPBR's.
+    fn surface(&self, textures: &MaterialTextures) -> Result<Surface, String> {
+        let texture = textures.colour.map(|texture| texture.reference);
+        let transmittance = shares("colour", self.colour.unwrap_or(Vec3::ONE))?;
+        let colour = Colour { texture, ..Colour::constant(transmittance) };
         let is_coated = !self.coats.is_empty();
         if is_coated && (self.ior.is_some() || self.mirror) {
             return Err(
                 "glass and mirrors cannot have coats; metal with a roughness of 0 is a mirror, too".into()
             );
         }
-        let surface = if let Some(ior) = self.ior {
+        Ok(if let Some(ior) = self.ior {
             match (self.roughness.unwrap_or(0.0), self.dispersion) {
-                (0.0, 0.0) => Surface::Dielectric { ior, transmittance: self.colour },
+                (0.0, 0.0) => Surface::Dielectric { ior, transmittance },
                 (rough, dispersion) => {
                     let texture = textures.roughness.map(|texture| (texture.reference, Channel::G));
-                    let glass = Principled::glass(ior, self.colour, Scalar { factor: rough, texture });
+                    let glass = Principled::glass(ior, transmittance, Scalar { factor: rough, texture });
                     Surface::Principled(Principled { dispersion, ..glass })
                 }
             }
@@ -259,28 +285,56 @@ impl MaterialRecipe {
             Surface::Principled(self.coated(matte)?)
         } else {
             Surface::Matte { reflectance: colour }
-        };
-        let mut emission = self.emission.map(emission).transpose()?;
-        if let (Some(emission), Some(texture)) = (&mut emission, textures.emission) {
-            emission.radiance.texture = Some(texture.reference);
-        }
-        let medium = self.absorption.map(Absorption::medium).transpose()?.flatten();
-        let normal_map =
-            textures.normal.map(|texture| NormalMap { texture: texture.reference, scale: self.normal_scale });
-        let alpha = self.coverage(textures.colour);
-        Ok(Material { name: name.into(), surface, emission, normal_map, alpha, medium })
+        })
     }
 
     /// Alpha, which the colour's texture multiplies.
     fn coverage(&self, colour: Option<MaterialTexture>) -> Alpha {
+        let factor = self.alpha * self.openpbr.map_or(1.0, |openpbr| openpbr.geometry_opacity);
         let texture = colour.filter(|texture| texture.has_alpha);
         let mode = match self.alpha_cutoff {
             Some(cutoff) => AlphaMode::Mask { cutoff },
-            None if texture.is_none() && self.alpha >= 1.0 => AlphaMode::Opaque,
+            None if texture.is_none() && factor >= 1.0 => AlphaMode::Opaque,
             None => AlphaMode::Blend,
         };
         let texture = texture.map(|texture| (texture.reference, Channel::A));
-        Alpha { mode, value: Scalar { factor: self.alpha, texture }, vertex: false }
+        Alpha { mode, value: Scalar { factor, texture }, vertex: false }
+    }
+
+    /// OpenPBR's surface.
+    fn openpbr(&self, openpbr: &OpenPbrRecipe, textures: &MaterialTextures) -> Result<Surface, String> {
+        if self.colour.is_some() {
+            return Err("it has both a colour and openpbr; write base-color in openpbr".into());
+        }
+        openpbr.check()?;
+        let base = textures.colour.map(|texture| texture.reference);
+        let mut surface = openpbr.surface(base, self.anisotropy_degrees.to_radians());
+        surface.specular_roughness.texture =
+            textures.roughness.map(|texture| (texture.reference, Channel::G));
+        surface.base_metalness.texture = textures.metallic.map(|texture| (texture.reference, Channel::B));
+        Ok(Surface::OpenPbr(surface))
+    }
+
+    /// The emitted radiance.
+    fn radiance(&self) -> Result<Option<Vec3>, String> {
+        match (self.emission, self.openpbr.filter(|_| self.openpbr_shines())) {
+            (Some(_), Some(_)) => Err("it has both emission and emission-luminance; keep one of them".into()),
+            (emission, openpbr) => Ok(emission.or(openpbr.map(|openpbr| openpbr.radiance()))),
+        }
+    }
+
+    fn openpbr_shines(&self) -> bool {
+        self.openpbr.is_some_and(|of| of.radiance() != Vec3::ZERO)
+    }
+
+    /// True if the material emits light.
+    pub(super) fn has_emission(&self) -> bool {
+        self.emission.is_some() || self.openpbr_shines()
+    }
+
+    /// True if its body has a medium.
+    pub(super) fn has_absorption(&self) -> bool {
+        self.absorption.is_some() || self.openpbr.is_some_and(|of| of.medium().is_some())
     }
 
     /// glTF's surface without coats.
@@ -321,17 +375,20 @@ impl MaterialRecipe {
         within("normal_scale", self.normal_scale, -1e3, 1e3)?;
         share("alpha", self.alpha)?;
         share("alpha_cutoff", self.alpha_cutoff.unwrap_or(0.0))?;
-        if self.roughness_texture.is_some() && roughness.is_none() {
+        if self.roughness_texture.is_some() && roughness.is_none() && self.openpbr.is_none() {
             return Err(
                 "roughness_texture multiplies roughness, which is not given; 1 leaves it as it is".into()
             );
         }
-        if self.metallic_texture.is_some() && (*metallic == 0.0 || roughness.is_none()) {
+        if self.metallic_texture.is_some()
+            && (*metallic == 0.0 || roughness.is_none())
+            && self.openpbr.is_none()
+        {
             return Err(
                 "metallic_texture multiplies metallic, which is 0 or without roughness; give both".into()
             );
         }
-        if self.emission_texture.is_some() && self.emission.is_none() {
+        if self.emission_texture.is_some() && !self.has_emission() {
             return Err("emission_texture multiplies emission, which is not given".into());
         }
         if let Some(Translucency { share: through, colour }) = self.diffuse_transmission {
@@ -356,6 +413,9 @@ impl MaterialRecipe {
 
     /// Fields that are given but have no effect on the kind of surface, as the rest of a sentence.
     pub(super) fn unused(&self) -> Option<String> {
+        if self.openpbr.is_some() {
+            return self.unused_beside_openpbr();
+        }
         let (kind, layered) = match (self.ior, self.mirror, self.roughness) {
             (Some(_), ..) => ("glass", false),
             (None, true, _) => ("mirrors", false),
@@ -379,8 +439,26 @@ impl MaterialRecipe {
         ];
         let unused: Vec<&str> =
             given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
-        let verb = if unused.len() > 1 { "have" } else { "has" };
-        (!unused.is_empty()).then(|| format!("{} {verb} no effect on {kind}", unused.join(", ")))
+        unused_on(kind, &unused)
+    }
+
+    fn unused_beside_openpbr(&self) -> Option<String> {
+        let given = [
+            ("roughness", self.roughness.is_some()),
+            ("metallic", self.metallic != 0.0),
+            ("clearcoat", self.clearcoat != 0.0),
+            ("coats", !self.coats.is_empty()),
+            ("anisotropy", self.anisotropy != 0.0),
+            ("sheen", self.sheen.is_some()),
+            ("film", self.film.is_some()),
+            ("ior", self.ior.is_some()),
+            ("dispersion", self.dispersion != 0.0),
+            ("diffuse_transmission", self.diffuse_transmission.is_some()),
+            ("mirror", self.mirror),
+        ];
+        let unused: Vec<&str> =
+            given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();
+        unused_on("OpenPBR's surface", &unused)
     }
 
     /// Adds the coats to the surface below them.
@@ -399,6 +477,11 @@ impl MaterialRecipe {
         surface.coats = Coats::new(over).expect("not too many");
         Ok(surface)
     }
+}
+
+fn unused_on(kind: &str, unused: &[&str]) -> Option<String> {
+    let verb = if unused.len() > 1 { "have" } else { "has" };
+    (!unused.is_empty()).then(|| format!("{} {verb} no effect on {kind}", unused.join(", ")))
 }
 
 impl Translucency {

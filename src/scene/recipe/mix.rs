@@ -91,7 +91,7 @@ impl Recipe {
         within("share", mix.share, 0.0, 1.0).map_err(|problem| wrong(name, problem))?;
         for part in &mix.of {
             let (emission, absorption) = match (self.materials.get(part), self.mixes.get(part)) {
-                (Some(part), _) => (part.emission.is_some(), part.absorption.is_some()),
+                (Some(part), _) => (part.has_emission(), part.has_absorption()),
                 (_, Some(part)) => (part.emission.is_some(), part.absorption.is_some()),
                 (None, None) => return Err(unknown(name, "material", part)),
             };

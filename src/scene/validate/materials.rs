@@ -1,9 +1,10 @@
 //! Checks materials.
 
-use super::{FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
+use super::{ABOVE_ZERO, FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Coat, Colour, DiffuseTransmission, Effects, Emission, Iridescence,
-    Material, Medium, NormalMap, Principled, Scalar, Scene, Sheen, Surface, TextureRef, Transmission,
+    Material, Medium, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Principled, Scalar, Scene, Sheen,
+    Surface, TextureRef, Transmission,
 };
 
 impl Scene {
@@ -43,11 +44,11 @@ impl Scene {
                 self.check_colour(part, "its reflectance", reflectance, SHARE)
             }
             Surface::Dielectric { ior, transmittance } => {
-                let above = Range { least: f32::MIN_POSITIVE, most: f32::MAX, text: "finite and above 0" };
-                above.check(part, "its index of refraction", [*ior])?;
+                ABOVE_ZERO.check(part, "its index of refraction", [*ior])?;
                 SHARE.check(part, "its transmittance", transmittance.to_array())
             }
             Surface::Principled(surface) => self.check_principled(part, surface),
+            Surface::OpenPbr(surface) => self.check_openpbr(part, surface),
             Surface::Procedural(i) => {
                 index("procedural surface", *i, self.procedurals.len())?;
                 let surface = &self.procedurals[*i as usize];
@@ -102,22 +103,12 @@ impl Scene {
             SHARE.check(part, "the tint of a coat", tint.to_array())?;
         }
         self.check_normal_map(part, "the normal map of its coats", coat_normal_map)?;
-        if let Some(Anisotropy { strength, rotation, direction }) = anisotropy {
-            self.check_scalar(part, "its anisotropy", strength, SHARE)?;
-            FINITE.check(part, "the rotation of its anisotropy", [*rotation])?;
-            self.check_texture_ref(part, "the direction of its anisotropy", direction.as_ref())?;
-        }
+        self.check_anisotropy(part, anisotropy.as_ref())?;
         if let Some(Sheen { colour, roughness }) = sheen {
             self.check_colour(part, "its sheen", colour, SHARE)?;
             self.check_scalar(part, "the roughness of its sheen", roughness, SHARE)?;
         }
-        if let Some(Iridescence { strength, ior, thickness_nm, thickness_texture }) = iridescence {
-            self.check_scalar(part, "its iridescence", strength, SHARE)?;
-            INDEX_OF_REFRACTION.check(part, "the index of refraction of its thin film", [*ior])?;
-            POSITIVE.check(part, "the thickness of its thin film", *thickness_nm)?;
-            let texture = thickness_texture.as_ref().map(|(texture, _)| texture);
-            self.check_texture_ref(part, "the thickness of its thin film", texture)?;
-        }
+        self.check_film(part, iridescence.as_ref(), INDEX_OF_REFRACTION)?;
         if let Some(glossiness) = glossiness {
             self.check_scalar(part, "its glossiness", glossiness, SHARE)?;
         }
@@ -127,6 +118,84 @@ impl Scene {
         }
         POSITIVE.check(part, "its dispersion", [*dispersion])?;
         Ok(())
+    }
+
+    fn check_openpbr(&self, part: &ScenePart, surface: &OpenPbr) -> Result<(), SceneError> {
+        let OpenPbr {
+            base_weight,
+            base_color,
+            base_diffuse_roughness,
+            base_metalness,
+            specular_weight,
+            specular_color,
+            specular_roughness,
+            specular_anisotropy,
+            specular_ior,
+            transmission_weight,
+            transmission_color,
+            dispersion,
+            coat,
+            fuzz,
+            thin_film,
+            thin_walled: _,
+        } = surface;
+        for (field, value) in [
+            ("its base weight", base_weight),
+            ("its diffuse roughness", base_diffuse_roughness),
+            ("its metalness", base_metalness),
+            ("its roughness", specular_roughness),
+            ("its transmission", transmission_weight),
+        ] {
+            self.check_scalar(part, field, value, SHARE)?;
+        }
+        for (field, value) in [
+            ("its base colour", base_color),
+            ("its specular colour", specular_color),
+            ("its transmission colour", transmission_color),
+        ] {
+            self.check_colour(part, field, value, SHARE)?;
+        }
+        self.check_scalar(part, "its specular weight", specular_weight, POSITIVE)?;
+        self.check_anisotropy(part, specular_anisotropy.as_ref())?;
+        ABOVE_ZERO.check(part, "its index of refraction", [*specular_ior])?;
+        POSITIVE.check(part, "its dispersion", [*dispersion])?;
+        if let Some(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening }) = coat {
+            self.check_scalar(part, "the weight of its coat", weight, SHARE)?;
+            self.check_colour(part, "the colour of its coat", color, SHARE)?;
+            self.check_scalar(part, "the roughness of its coat", roughness, SHARE)?;
+            self.check_scalar(part, "the anisotropy of its coat", anisotropy, SHARE)?;
+            ABOVE_ZERO.check(part, "the index of refraction of its coat", [*ior])?;
+            SHARE.check(part, "the darkening of its coat", [*darkening])?;
+        }
+        if let Some(OpenPbrFuzz { weight, color, roughness }) = fuzz {
+            self.check_scalar(part, "the weight of its fuzz", weight, SHARE)?;
+            self.check_colour(part, "the colour of its fuzz", color, SHARE)?;
+            self.check_scalar(part, "the roughness of its fuzz", roughness, SHARE)?;
+        }
+        self.check_film(part, thin_film.as_ref(), ABOVE_ZERO)
+    }
+
+    fn check_anisotropy(&self, part: &ScenePart, anisotropy: Option<&Anisotropy>) -> Result<(), SceneError> {
+        let Some(Anisotropy { strength, rotation, direction }) = anisotropy else { return Ok(()) };
+        self.check_scalar(part, "its anisotropy", strength, SHARE)?;
+        FINITE.check(part, "the rotation of its anisotropy", [*rotation])?;
+        self.check_texture_ref(part, "the direction of its anisotropy", direction.as_ref())
+    }
+
+    fn check_film(
+        &self,
+        part: &ScenePart,
+        film: Option<&Iridescence>,
+        index: Range,
+    ) -> Result<(), SceneError> {
+        let Some(Iridescence { strength, ior, thickness_nm, thickness_texture }) = film else {
+            return Ok(());
+        };
+        self.check_scalar(part, "its iridescence", strength, SHARE)?;
+        index.check(part, "the index of refraction of its thin film", [*ior])?;
+        POSITIVE.check(part, "the thickness of its thin film", *thickness_nm)?;
+        let texture = thickness_texture.as_ref().map(|(texture, _)| texture);
+        self.check_texture_ref(part, "the thickness of its thin film", texture)
     }
 
     fn check_normal_map(

@@ -33,7 +33,8 @@ impl<'a, L: Lanes> Boundary<'a, L> {
         let (through, fresnel) = (frost.through, &frost.layer.fresnel);
         let [along, across] = frost.facets.ggx.alpha;
         // Anisotropic facets have the loss of isotropic ones of the same mean roughness.
-        let crossing = TransmissionAlbedo::new(through.index, (along * across).sqrt().sqrt());
+        let crossing =
+            TransmissionAlbedo::new(Num::splat(along.lanes(), through.index), (along * across).sqrt().sqrt());
         let (inside, outside) = (through.leaving, !through.leaving);
         let lost = crossing.towards(frost.wo.z, inside).of(fresnel);
         let means = [crossing.mean(inside).of(fresnel), crossing.mean(outside).of(fresnel)];

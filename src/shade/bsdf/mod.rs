@@ -19,6 +19,7 @@ mod iridescence;
 mod lobes;
 mod matte;
 mod mirror;
+mod openpbr;
 mod outlined;
 mod principled;
 mod scattering;
@@ -34,6 +35,7 @@ pub use albedo::MIN_ROUGHNESS;
 pub use dielectric::Dielectric;
 pub use matte::Matte;
 pub use mirror::Mirror;
+pub use openpbr::OpenPbr;
 pub use principled::Principled;
 pub use scattering::Scattering;
 
@@ -75,6 +77,8 @@ pub enum Bsdf<'s, L: Lanes> {
     Principled(Principled<L>),
     /// A BSDF computed by user code.
     Scattering(Scattering<'s, L>),
+    /// OpenPBR's surface.
+    OpenPbr(OpenPbr<L>),
 }
 
 /// Sampled directions.
@@ -227,6 +231,13 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 let surface = &scene.scatterings[*index as usize];
                 Self::Scattering(Scattering { surface, points: at.points(scene) })
             }
+            Surface::OpenPbr(surface) => {
+                // Copies, as above.
+                let Interaction { texture, outside, .. } = *at;
+                let texture = &texture;
+                let construct = openpbr::Construct { scene, surface, texture, outside, smoothness };
+                Self::OpenPbr(l.outlined(construct))
+            }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
     }
@@ -241,6 +252,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Mirror(_) | Self::Dielectric(_) => (Vector::zero(wo.lanes()), Num::zero(wo.lanes())),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Evaluate { surface, wo, wi }),
             Self::Scattering(scattering) => scattering.evaluate(wo, wi),
+            Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Evaluate { surface, wo, wi }),
         }
     }
 
@@ -254,6 +266,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Sampling { surface, wo, u, u2 }),
             Self::Scattering(scattering) => scattering.sample(wo, u, u2),
+            Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Sampling { surface, wo, u, u2 }),
         }
     }
 
@@ -265,6 +278,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Mirroring { surface, wo }),
+            Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Mirroring { surface, wo }),
         }
     }
 
@@ -280,6 +294,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         match self {
             Self::Principled(surface) => surface.is_frosted(),
             Self::Scattering(scattering) => scattering.surface.transmits(),
+            Self::OpenPbr(surface) => surface.is_frosted(),
             Self::Matte(_) | Self::Mirror(_) | Self::Dielectric(_) => false,
         }
     }
@@ -302,6 +317,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Principled(surface) if surface.translucency.is_none() && surface.sheen.is_none() => {
                 !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
             }
+            Self::OpenPbr(surface) => surface.shows_others(POLISHED, LEAST_DIFFUSE),
             _ => Mask::splat(l, false),
         }
     }

@@ -46,7 +46,7 @@ impl<L: Lanes> Loss<L> {
 pub struct TransmissionAlbedo<L: Lanes> {
     /// Index of the lowest row, for light from outside.
     row: Int<L>,
-    index_share: f32,
+    index_share: Num<L>,
     roughness: Num<L>,
     roughness_share: Num<L>,
 }
@@ -62,15 +62,15 @@ impl<L: Lanes> TransmissionAlbedo<L> {
     /// The losses at the boundary of a body of index above 1, of perceptual roughnesses of at least
     /// [`MIN_ROUGHNESS`].
     #[inline(always)]
-    pub fn new(index: f32, roughness: Num<L>) -> Self {
+    pub fn new(index: Num<L>, roughness: Num<L>) -> Self {
         let last = (NODES[0] - 1) as f32;
-        let place = ((index.min(MAX_INDEX) - 1.0) / (MAX_INDEX - 1.0)).sqrt() * last;
+        let place = ((index.clamp(1.0, MAX_INDEX) - 1.0) / (MAX_INDEX - 1.0)).sqrt() * last;
         let low = place.floor().clamp(0.0, last - 1.0);
         let last = (NODES[1] - 1) as f32;
         let across = (roughness - MIN_ROUGHNESS) * (last / (1.0 - MIN_ROUGHNESS));
         let row = across.clamp(0.0, last - 1.0).floor();
         Self {
-            row: (row.to_int() + low as u32 * NODES[1] as u32) * 2,
+            row: (row.to_int() + low.to_int() * NODES[1] as u32) * 2,
             index_share: place - low,
             roughness,
             roughness_share: (across - row).clamp(0.0, 1.0),
@@ -114,7 +114,7 @@ impl<L: Lanes> TransmissionAlbedo<L> {
         let low = blend(entry.rows_of(table), (entry + rougher).rows_of(table), self.roughness_share);
         let entry = entry + denser;
         let high = blend(entry.rows_of(table), (entry + rougher).rows_of(table), self.roughness_share);
-        blend(low, high, Num::splat(l, self.index_share))
+        blend(low, high, self.index_share)
     }
 }
 

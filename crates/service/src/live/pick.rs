@@ -56,6 +56,7 @@ impl MaterialFacts {
             Surface::Procedural(_) => "shader",
             Surface::Scattering(_) => "user code",
             Surface::Mix(_) => "mix",
+            Surface::OpenPbr(_) => "OpenPBR",
             _ => "other",
         };
         let surface = material.principled();

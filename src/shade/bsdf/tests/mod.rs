@@ -10,6 +10,7 @@ use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
 mod coats;
+mod openpbr;
 mod sampling;
 
 fn principled(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
@@ -267,6 +268,7 @@ fn scattering() -> Vec<(String, Bsdf<'static>)> {
             s.clearcoat_roughness = Scalar::constant(0.15);
         }),
     ));
+    all.extend([0.1, 0.3, 0.9].into_iter().flat_map(openpbr::of_roughness));
     all
 }
 

@@ -33,6 +33,7 @@ fn samples_follow_the_stated_density() {
     let mut all = lossless_of(&[0.5, 0.75, 1.0], &[0.0, 0.6]);
     all.extend(lossy().into_iter().filter(|(name, _)| name.ends_with("roughness 1")));
     all.extend(stacked(0.7, &[0.5, 0.8], VARNISH));
+    all.extend(openpbr::of_roughness(0.8));
     // An index of 1.1 hardly turns light, however rough the facets. Its lobe is narrow; it passes with 160
     // points a side of a cell.
     let rough = all.iter().filter(|(name, b)| !b.is_smooth() && !name.contains("index 1.1"));

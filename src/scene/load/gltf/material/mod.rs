@@ -2,6 +2,7 @@
 
 mod base;
 mod layers;
+mod openpbr;
 
 use super::super::LoadProblem;
 use super::super::textures::Textures;
@@ -81,6 +82,9 @@ impl<'b> Converter<'_, 'b> {
         if let Some(SpecularGlossiness { tint, glossiness }) = self.specular_glossiness()? {
             let (specular_colour, glossiness) = (tint, Some(glossiness));
             let layers = self.layers()?;
+            if self.has_drafts() {
+                self.warn("its draft extensions have no effect beside KHR_materials_pbrSpecularGlossiness");
+            }
             return Ok(Surface::Principled(Principled {
                 base_colour,
                 specular_colour,
@@ -116,10 +120,13 @@ impl<'b> Converter<'_, 'b> {
             && layers.sheen.is_none()
             && layers.iridescence.is_none()
             && diffuse_transmission.is_none();
-        if specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && has_no_layers {
+        let is_matte =
+            specular.factor == 0.0 && metallic.factor == 0.0 && transmission.factor == 0.0 && has_no_layers;
+        let has_drafts = self.has_drafts();
+        if is_matte && !has_drafts {
             return Ok(Surface::Matte { reflectance: base_colour });
         }
-        Ok(Surface::Principled(Principled {
+        let surface = Principled {
             base_colour,
             metallic,
             roughness,
@@ -131,7 +138,11 @@ impl<'b> Converter<'_, 'b> {
             diffuse_transmission,
             dispersion: self.dispersion(transmission.factor > 0.0),
             ..layers
-        }))
+        };
+        if has_drafts {
+            return Ok(Surface::OpenPbr(self.openpbr(&surface)?));
+        }
+        Ok(Surface::Principled(surface))
     }
 
     fn is_thin(&self) -> bool {

@@ -1,0 +1,135 @@
+//! OpenPBR's surface.
+
+use super::{Anisotropy, Colour, Iridescence, Scalar, index_for_channel};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// The surface of OpenPBR 1.1 (Academy Software Foundation 2025, *OpenPBR Surface specification*) without scattering
+/// inside of bodies. Fields have the specification's names, meanings and ranges. Colours are linear Rec. 709.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpenPbr {
+    /// `base_weight`, 0..=1: a factor of `base_color`.
+    pub base_weight: Scalar,
+    /// `base_color`, 0..=1: albedo of the diffuse base, reflectance of metal at normal incidence.
+    pub base_color: Colour,
+    /// `base_diffuse_roughness`, 0..=1.
+    pub base_diffuse_roughness: Scalar,
+    /// `base_metalness`: share of metal, 0..=1.
+    pub base_metalness: Scalar,
+    /// `specular_weight`, ≥ 0: factor of the dielectric's reflectance at normal incidence, by its index of refraction.
+    /// Up to 1 a factor of the metal's reflectance, too.
+    pub specular_weight: Scalar,
+    /// `specular_color`, 0..=1: tint of the dielectric's reflection, and of the metal's towards grazing angles.
+    pub specular_color: Colour,
+    /// `specular_roughness`, 0..=1. Its square is GGX's alpha.
+    pub specular_roughness: Scalar,
+    /// `specular_roughness_anisotropy`, 0..=1 as the strength, and the tangent that base and coat are rougher along.
+    pub specular_anisotropy: Option<Anisotropy>,
+    /// `specular_ior`, > 0.
+    pub specular_ior: f32,
+    /// `transmission_weight`: share of the dielectric base that is translucent, 0..=1.
+    pub transmission_weight: Scalar,
+    /// `transmission_color` where `transmission_depth` is 0: the share of light that remains at each crossing, 0..=1.
+    /// With a depth it is the material's medium instead.
+    pub transmission_color: Colour,
+    /// 20 × `transmission_dispersion_scale` / `transmission_dispersion_abbe_number`, ≥ 0, as
+    /// [`super::Principled::dispersion`].
+    pub dispersion: f32,
+    /// The coat; none if its weight is 0.
+    pub coat: Option<OpenPbrCoat>,
+    /// The fuzz; none if its weight is 0.
+    pub fuzz: Option<OpenPbrFuzz>,
+    /// `thin_film_weight`, `thin_film_ior` and `thin_film_thickness`, which here is in nanometres.
+    pub thin_film: Option<Iridescence>,
+    /// `geometry_thin_walled`: true if the surface is a thin wall, which light passes straight on.
+    pub thin_walled: bool,
+}
+
+/// A layer of dielectric over the base, which absorbs light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpenPbrCoat {
+    /// `coat_weight`: covered share, 0..=1.
+    pub weight: Scalar,
+    /// `coat_color`: share of light that passes down and up at normal incidence, 0..=1.
+    pub color: Colour,
+    /// `coat_roughness`, 0..=1. It makes the base rougher, too.
+    pub roughness: Scalar,
+    /// `coat_roughness_anisotropy`, 0..=1, along the tangent of [`OpenPbr::specular_anisotropy`]. Without that, coats
+    /// are isotropic.
+    pub anisotropy: Scalar,
+    /// `coat_ior`, > 0.
+    pub ior: f32,
+    /// `coat_darkening`, 0..=1: strength of the darkening by reflections between coat and base.
+    pub darkening: f32,
+}
+
+/// Fibres over coat and base.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpenPbrFuzz {
+    /// `fuzz_weight`: covered share, 0..=1.
+    pub weight: Scalar,
+    /// `fuzz_color`, 0..=1: tint of the fibres' reflection.
+    pub color: Colour,
+    /// `fuzz_roughness`, 0..=1.
+    pub roughness: Scalar,
+}
+
+impl Default for OpenPbr {
+    fn default() -> Self {
+        let one = Scalar::constant(1.0);
+        let zero = Scalar::constant(0.0);
+        Self {
+            base_weight: one,
+            base_color: Colour::constant(Vec3::splat(0.8)),
+            base_diffuse_roughness: zero,
+            base_metalness: zero,
+            specular_weight: one,
+            specular_color: Colour::constant(Vec3::ONE),
+            specular_roughness: Scalar::constant(0.3),
+            specular_anisotropy: None,
+            specular_ior: 1.5,
+            transmission_weight: zero,
+            transmission_color: Colour::constant(Vec3::ONE),
+            dispersion: 0.0,
+            coat: None,
+            fuzz: None,
+            thin_film: None,
+            thin_walled: false,
+        }
+    }
+}
+
+impl Default for OpenPbrCoat {
+    /// The specification's defaults, except that the weight is 1.
+    fn default() -> Self {
+        Self {
+            weight: Scalar::constant(1.0),
+            color: Colour::constant(Vec3::ONE),
+            roughness: Scalar::constant(0.0),
+            anisotropy: Scalar::constant(0.0),
+            ior: 1.6,
+            darkening: 1.0,
+        }
+    }
+}
+
+impl Default for OpenPbrFuzz {
+    /// The specification's defaults, except that the weight is 1.
+    fn default() -> Self {
+        let [weight, roughness] = [1.0, 0.5].map(Scalar::constant);
+        Self { weight, color: Colour::constant(Vec3::ONE), roughness }
+    }
+}
+
+impl OpenPbr {
+    /// True if the surface refracts red, green and blue light differently.
+    #[inline]
+    pub fn is_dispersive(&self) -> bool {
+        self.dispersion > 0.0 && self.transmission_weight.factor != 0.0 && !self.thin_walled
+    }
+
+    /// The surface for red (0), green (1) or blue light (2): with that light's index of refraction.
+    pub fn of_channel(&self, channel: usize) -> Self {
+        Self { specular_ior: index_for_channel(self.specular_ior, self.dispersion, channel), ..*self }
+    }
+}

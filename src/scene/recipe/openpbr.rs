@@ -1,0 +1,332 @@
+//! OpenPBR's surface in recipes.
+
+use super::within;
+use crate::scene::{
+    Anisotropy, Colour, Iridescence, Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scalar, TextureRef,
+};
+use glam::{Mat3, Vec3};
+use serde::Deserialize;
+
+/// The parameters of OpenPBR 1.1, with the specification's names (hyphens for underscores), ranges and defaults:
+///
+/// ```json
+/// "varnish": { "openpbr": { "base-color": [0.3, 0.15, 0.06], "base-diffuse-roughness": 0.4, "coat-weight": 1,
+///                           "coat-color": [0.9, 0.7, 0.5] } }
+/// ```
+///
+/// Scattering inside of bodies (`subsurface-…`, `transmission-scatter`) is not supported.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct OpenPbrRecipe {
+    /// Space of all colours.
+    pub color_space: ColorSpace,
+    /// 0..=1
+    pub base_weight: f32,
+    /// 0..=1. The material's texture multiplies it.
+    pub base_color: Vec3,
+    /// 0..=1
+    pub base_diffuse_roughness: f32,
+    /// 0..=1
+    pub base_metalness: f32,
+    /// 0..=100
+    pub specular_weight: f32,
+    /// 0..=1
+    pub specular_color: Vec3,
+    /// 0..=1
+    pub specular_roughness: f32,
+    /// 0..=1, along u, turned by the material's `anisotropy_degrees`.
+    pub specular_roughness_anisotropy: f32,
+    /// 0.1..=10
+    pub specular_ior: f32,
+    /// 0..=1
+    pub transmission_weight: f32,
+    /// 0..=1
+    pub transmission_color: Vec3,
+    /// World units, 0..=10⁶; 0 tints the surface, more makes an absorbing medium.
+    pub transmission_depth: f32,
+    /// 0..=1
+    pub transmission_dispersion_scale: f32,
+    /// 1..=1000
+    pub transmission_dispersion_abbe_number: f32,
+    /// 0..=1
+    pub coat_weight: f32,
+    /// 0..=1
+    pub coat_color: Vec3,
+    /// 0..=1
+    pub coat_roughness: f32,
+    /// 0..=1, along the same direction as the base's.
+    pub coat_roughness_anisotropy: f32,
+    /// 0.1..=10
+    pub coat_ior: f32,
+    /// 0..=1
+    pub coat_darkening: f32,
+    /// 0..=1
+    pub fuzz_weight: f32,
+    /// 0..=1
+    pub fuzz_color: Vec3,
+    /// 0..=1
+    pub fuzz_roughness: f32,
+    /// Radiance in the scene's unit, 0..=10⁶. The coat absorbs some of it as it does at normal incidence.
+    pub emission_luminance: f32,
+    /// 0..=1000
+    pub emission_color: Vec3,
+    /// 0..=1
+    pub thin_film_weight: f32,
+    /// Micrometres, 0..=10.
+    pub thin_film_thickness: f32,
+    /// 0.1..=10
+    pub thin_film_ior: f32,
+    /// 0..=1
+    pub geometry_opacity: f32,
+    /// True for a thin wall.
+    pub geometry_thin_walled: bool,
+}
+
+impl Default for OpenPbrRecipe {
+    fn default() -> Self {
+        Self {
+            color_space: ColorSpace::LinRec709,
+            base_weight: 1.0,
+            base_color: Vec3::splat(0.8),
+            base_diffuse_roughness: 0.0,
+            base_metalness: 0.0,
+            specular_weight: 1.0,
+            specular_color: Vec3::ONE,
+            specular_roughness: 0.3,
+            specular_roughness_anisotropy: 0.0,
+            specular_ior: 1.5,
+            transmission_weight: 0.0,
+            transmission_color: Vec3::ONE,
+            transmission_depth: 0.0,
+            transmission_dispersion_scale: 0.0,
+            transmission_dispersion_abbe_number: 20.0,
+            coat_weight: 0.0,
+            coat_color: Vec3::ONE,
+            coat_roughness: 0.0,
+            coat_roughness_anisotropy: 0.0,
+            coat_ior: 1.6,
+            coat_darkening: 1.0,
+            fuzz_weight: 0.0,
+            fuzz_color: Vec3::ONE,
+            fuzz_roughness: 0.5,
+            emission_luminance: 0.0,
+            emission_color: Vec3::ONE,
+            thin_film_weight: 0.0,
+            thin_film_thickness: 0.5,
+            thin_film_ior: 1.4,
+            geometry_opacity: 1.0,
+            geometry_thin_walled: false,
+        }
+    }
+}
+
+/// The space in which colours are given, with the names of OpenColorIO's configurations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ColorSpace {
+    /// Linear Rec. 709.
+    #[default]
+    #[serde(rename = "lin_rec709")]
+    LinRec709,
+    /// sRGB with its transfer function.
+    #[serde(rename = "srgb_texture")]
+    SrgbTexture,
+    /// Linear, with the primaries AP1 and the white point of ACES.
+    #[serde(rename = "acescg")]
+    AcesCg,
+}
+
+/// AP1 to linear Rec. 709, with Bradford's adaptation of the white point, column by column.
+const AP1_TO_REC709: Mat3 = Mat3::from_cols(
+    Vec3::new(1.705_051, -0.130_256, -0.024_003),
+    Vec3::new(-0.621_792, 1.140_804, -0.128_969),
+    Vec3::new(-0.083_258, -0.010_548, 1.152_972),
+);
+
+impl ColorSpace {
+    /// A colour in linear Rec. 709. Colours outside of its gamut lose their negative channels.
+    pub fn to_rec709(self, colour: Vec3) -> Vec3 {
+        let linear = |c: f32| if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) };
+        match self {
+            Self::LinRec709 => colour,
+            Self::SrgbTexture => colour.map(linear),
+            Self::AcesCg => (AP1_TO_REC709 * colour).max(Vec3::ZERO),
+        }
+    }
+}
+
+impl OpenPbrRecipe {
+    /// Checks the ranges.
+    pub(super) fn check(&self) -> Result<(), String> {
+        for (name, value, least, most) in [
+            ("base-weight", self.base_weight, 0.0, 1.0),
+            ("base-diffuse-roughness", self.base_diffuse_roughness, 0.0, 1.0),
+            ("base-metalness", self.base_metalness, 0.0, 1.0),
+            ("specular-weight", self.specular_weight, 0.0, 100.0),
+            ("specular-roughness", self.specular_roughness, 0.0, 1.0),
+            ("specular-roughness-anisotropy", self.specular_roughness_anisotropy, 0.0, 1.0),
+            ("specular-ior", self.specular_ior, 0.1, 10.0),
+            ("transmission-weight", self.transmission_weight, 0.0, 1.0),
+            ("transmission-depth", self.transmission_depth, 0.0, 1e6),
+            ("transmission-dispersion-scale", self.transmission_dispersion_scale, 0.0, 1.0),
+            ("transmission-dispersion-abbe-number", self.transmission_dispersion_abbe_number, 1.0, 1e3),
+            ("coat-weight", self.coat_weight, 0.0, 1.0),
+            ("coat-roughness", self.coat_roughness, 0.0, 1.0),
+            ("coat-roughness-anisotropy", self.coat_roughness_anisotropy, 0.0, 1.0),
+            ("coat-ior", self.coat_ior, 0.1, 10.0),
+            ("coat-darkening", self.coat_darkening, 0.0, 1.0),
+            ("fuzz-weight", self.fuzz_weight, 0.0, 1.0),
+            ("fuzz-roughness", self.fuzz_roughness, 0.0, 1.0),
+            ("emission-luminance", self.emission_luminance, 0.0, 1e6),
+            ("thin-film-weight", self.thin_film_weight, 0.0, 1.0),
+            ("thin-film-thickness", self.thin_film_thickness, 0.0, 10.0),
+            ("thin-film-ior", self.thin_film_ior, 0.1, 10.0),
+            ("geometry-opacity", self.geometry_opacity, 0.0, 1.0),
+        ] {
+            within(name, value, least, most)?;
+        }
+        for (name, colour, most) in [
+            ("base-color", self.base_color, 1.0),
+            ("specular-color", self.specular_color, 1.0),
+            ("transmission-color", self.transmission_color, 1.0),
+            ("coat-color", self.coat_color, 1.0),
+            ("fuzz-color", self.fuzz_color, 1.0),
+            ("emission-color", self.emission_color, 1e3),
+        ] {
+            within(&format!("the least channel of {name}"), colour.min_element(), 0.0, most)?;
+            within(&format!("the largest channel of {name}"), colour.max_element(), 0.0, most)?;
+        }
+        Ok(())
+    }
+
+    /// A share of light in linear Rec. 709.
+    fn share(&self, colour: Vec3) -> Vec3 {
+        self.color_space.to_rec709(colour).min(Vec3::ONE)
+    }
+
+    /// The surface. `tangent` is the rotation of the rougher direction in radians.
+    pub(super) fn surface(&self, texture: Option<TextureRef>, tangent: f32) -> OpenPbr {
+        let number = Scalar::constant;
+        let colour = |colour| Colour::constant(self.share(colour));
+        let is_anisotropic = self.specular_roughness_anisotropy > 0.0 || self.coat_roughness_anisotropy > 0.0;
+        let strength = number(self.specular_roughness_anisotropy);
+        let coat = OpenPbrCoat {
+            weight: number(self.coat_weight),
+            color: colour(self.coat_color),
+            roughness: number(self.coat_roughness),
+            anisotropy: number(self.coat_roughness_anisotropy),
+            ior: self.coat_ior,
+            darkening: self.coat_darkening,
+        };
+        let fuzz = OpenPbrFuzz {
+            weight: number(self.fuzz_weight),
+            color: colour(self.fuzz_color),
+            roughness: number(self.fuzz_roughness),
+        };
+        let film = Iridescence {
+            strength: number(self.thin_film_weight),
+            ior: self.thin_film_ior,
+            thickness_nm: [self.thin_film_thickness * 1e3; 2],
+            thickness_texture: None,
+        };
+        let tint = if self.transmission_depth > 0.0 { Vec3::ONE } else { self.transmission_color };
+        OpenPbr {
+            base_weight: number(self.base_weight),
+            base_color: Colour { texture, ..colour(self.base_color) },
+            base_diffuse_roughness: number(self.base_diffuse_roughness),
+            base_metalness: number(self.base_metalness),
+            specular_weight: number(self.specular_weight),
+            specular_color: colour(self.specular_color),
+            specular_roughness: number(self.specular_roughness),
+            specular_anisotropy: is_anisotropic.then_some(Anisotropy {
+                strength,
+                rotation: tangent,
+                direction: None,
+            }),
+            specular_ior: self.specular_ior,
+            transmission_weight: number(self.transmission_weight),
+            transmission_color: colour(tint),
+            dispersion: 20.0 * self.transmission_dispersion_scale / self.transmission_dispersion_abbe_number,
+            coat: (self.coat_weight > 0.0).then_some(coat),
+            fuzz: (self.fuzz_weight > 0.0).then_some(fuzz),
+            thin_film: (self.thin_film_weight > 0.0).then_some(film),
+            thin_walled: self.geometry_thin_walled,
+        }
+    }
+
+    /// Emitted radiance, after the coat's absorption; 0 if nothing is emitted.
+    pub(super) fn radiance(&self) -> Vec3 {
+        let coat = self.share(self.coat_color).map(f32::sqrt);
+        let light = self.color_space.to_rec709(self.emission_color) * self.emission_luminance;
+        light * Vec3::ONE.lerp(coat, self.coat_weight)
+    }
+
+    /// The absorbing medium inside of the body. `None` if there is none.
+    pub(super) fn medium(&self) -> Option<Medium> {
+        let is_body = self.transmission_depth > 0.0 && !self.geometry_thin_walled;
+        let colour = self.share(self.transmission_color);
+        is_body.then(|| Medium::tinting(colour, self.transmission_depth)).flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::recipe::Recipe;
+    use crate::scene::{Material, Surface};
+
+    fn material(fields: &str) -> Result<Material, String> {
+        let recipe = format!(r#"{{ "materials": {{ "m": {{ {fields} }} }}, "shapes": [] }}"#);
+        let recipe = Recipe::parse(&recipe).map_err(|error| error.to_string())?;
+        recipe.materials["m"].material("m", None)
+    }
+
+    #[test]
+    fn parameters_have_their_specified_defaults() {
+        let plain = material(r#""openpbr": {}"#).expect("valid");
+        assert_eq!(plain.surface, Surface::OpenPbr(OpenPbr::default()));
+        let coated = material(r#""openpbr": { "coat-weight": 1, "fuzz-weight": 1 }"#).expect("valid");
+        let Surface::OpenPbr(surface) = coated.surface else { panic!("{coated:?}") };
+        assert_eq!(surface.coat, Some(OpenPbrCoat::default()));
+        assert_eq!(surface.fuzz, Some(OpenPbrFuzz::default()));
+    }
+
+    #[test]
+    fn media_light_and_coverage_are_the_materials() {
+        let all = material(
+            r#""openpbr": { "transmission-weight": 1, "transmission-color": [0.5, 1, 1], "transmission-depth": 2,
+                 "emission-luminance": 4, "coat-weight": 1, "coat-color": [0.25, 1, 1], "geometry-opacity": 0.5,
+                 "transmission-dispersion-scale": 0.5 }"#,
+        )
+        .expect("valid");
+        let Surface::OpenPbr(surface) = all.surface else { panic!("{all:?}") };
+        assert_eq!((surface.transmission_color.factor, surface.dispersion), (Vec3::ONE, 0.5));
+        let absorption = all.medium.expect("a medium").absorption;
+        assert!((absorption.x - 0.5f32.ln() / -2.0).abs() < 1e-6 && absorption.y == 0.0, "{absorption}");
+        assert_eq!(all.emission.expect("a light").radiance.factor, Vec3::new(2.0, 4.0, 4.0));
+        assert_eq!((all.alpha.mode, all.alpha.value.factor), (AlphaMode::Blend, 0.5));
+    }
+
+    #[test]
+    fn colours_are_converted_from_their_declared_space() {
+        assert!((ColorSpace::AcesCg.to_rec709(Vec3::ONE) - Vec3::ONE).abs().max_element() < 1e-4);
+        let red = ColorSpace::AcesCg.to_rec709(Vec3::new(0.5, 0.1, 0.1));
+        assert!((red - Vec3::new(0.782, 0.048, 0.090)).abs().max_element() < 1e-3, "{red}");
+        let grey = material(r#""openpbr": { "color-space": "srgb_texture", "base-color": [0.5, 0.5, 1] }"#);
+        let Surface::OpenPbr(surface) = grey.expect("valid").surface else { panic!("OpenPBR") };
+        let colour = surface.base_color.factor;
+        assert!((colour - Vec3::new(0.2140, 0.2140, 1.0)).abs().max_element() < 1e-4, "{colour}");
+    }
+
+    #[test]
+    fn errors_name_the_parameter_and_its_range() {
+        let wrong = material(r#""openpbr": { "coat-weight": 2 }"#).expect_err("out of range");
+        assert!(wrong.contains("coat-weight") && wrong.contains('1'), "{wrong}");
+        let unknown = material(r#""openpbr": { "subsurface-weight": 1 }"#).expect_err("unknown");
+        assert!(unknown.contains("unknown field `subsurface-weight`"), "{unknown}");
+        let both = material(r#""colour": [1, 1, 1], "openpbr": {}"#).expect_err("two surfaces");
+        assert!(both.contains("base-color"), "{both}");
+        let none = material("").expect_err("no surface");
+        assert!(none.contains("colour"), "{none}");
+    }
+}

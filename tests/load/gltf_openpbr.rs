@@ -1,0 +1,74 @@
+//! Draft extensions of glTF, which become OpenPBR's surface.
+
+use crate::document::Document;
+use crate::folder::warns;
+use glam::Vec3;
+use raystream::scene::{OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scene, Surface};
+use serde_json::{Value, json};
+
+fn scene(material: Value) -> Scene {
+    let mut document = Document::triangle();
+    document.material(material);
+    document.scene()
+}
+
+/// The surface of a file that warns of its drafts and of nothing else.
+fn openpbr(material: Value) -> OpenPbr {
+    let scene = scene(material);
+    assert!(scene.warnings.len() == 1 && warns(&scene, &["Drafts", "2026"]), "{:?}", scene.warnings);
+    match scene.materials[0].surface {
+        Surface::OpenPbr(surface) => surface,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn drafts_have_their_factors_and_defaults() {
+    let rough = openpbr(
+        json!({ "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.25, 1.0, 1.0], "metallicFactor": 0.0,
+                        "roughnessFactor": 0.75 },
+        "extensions": { "KHR_materials_diffuse_roughness": { "diffuseRoughnessFactor": 0.5 } } }),
+    );
+    assert_eq!((rough.base_diffuse_roughness.factor, rough.specular_roughness.factor), (0.5, 0.75));
+    assert_eq!((rough.base_color.factor, rough.base_metalness.factor), (Vec3::new(0.5, 0.25, 1.0), 0.0));
+    assert!(rough.coat.is_none() && rough.fuzz.is_none() && rough.specular_ior == 1.5);
+    let coated = openpbr(json!({ "extensions": { "KHR_materials_coat": { "coatFactor": 0.5,
+        "coatColorFactor": [1.0, 0.5, 0.25], "coatRoughnessFactor": 0.25 } } }));
+    let coat = coated.coat.expect("a coat");
+    assert_eq!((coat.weight.factor, coat.roughness.factor), (0.5, 0.25));
+    assert_eq!((coat.color.factor, coat.ior, coat.darkening), (Vec3::new(1.0, 0.5, 0.25), 1.5, 1.0));
+    let fuzzy = openpbr(json!({ "extensions": { "KHR_materials_fuzz": { "fuzzFactor": 0.25 } } }));
+    let fuzz = fuzzy.fuzz.expect("fuzz");
+    assert_eq!(fuzz, OpenPbrFuzz { weight: fuzz.weight, ..OpenPbrFuzz::default() });
+    assert_eq!(fuzz.weight.factor, 0.25);
+}
+
+#[test]
+fn ratified_layers_stay_beside_drafts_and_give_way_to_their_successors() {
+    let layers = json!({ "KHR_materials_clearcoat": { "clearcoatFactor": 0.5 },
+        "KHR_materials_sheen": { "sheenColorFactor": [0.5, 0.25, 0.0], "sheenRoughnessFactor": 1.0 },
+        "KHR_materials_diffuse_roughness": { "diffuseRoughnessFactor": 1.0 } });
+    let both = openpbr(json!({ "extensions": layers.clone() }));
+    let coat = both.coat.expect("a coat");
+    let clear = OpenPbrCoat { weight: coat.weight, ior: 1.5, darkening: 0.0, ..OpenPbrCoat::default() };
+    assert_eq!((coat, coat.weight.factor), (clear, 0.5));
+    let fuzz = both.fuzz.expect("fuzz");
+    assert_eq!((fuzz.weight.factor, fuzz.color.factor), (0.5, Vec3::new(1.0, 0.5, 0.0)));
+    let mut newer = layers;
+    newer["KHR_materials_coat"] = json!({ "coatFactor": 1.0, "coatIor": 1.75 });
+    newer["KHR_materials_fuzz"] = json!({ "fuzzFactor": 0.0 });
+    let newer = openpbr(json!({ "extensions": newer }));
+    assert_eq!(newer.coat.map(|coat| (coat.weight.factor, coat.ior)), Some((1.0, 1.75)));
+    assert!(newer.fuzz.is_none());
+}
+
+#[test]
+fn what_openpbr_lacks_is_warned_of() {
+    let leaf = scene(json!({ "extensions": { "KHR_materials_diffuse_transmission":
+            { "diffuseTransmissionFactor": 0.5 }, "KHR_materials_fuzz": { "fuzzFactor": 1.0 } } }));
+    assert!(
+        warns(&leaf, &["KHR_materials_diffuse_transmission", "KHR_materials_fuzz"]),
+        "{:?}",
+        leaf.warnings
+    );
+}
