@@ -113,12 +113,12 @@ fn a_device_that_contracts_rounds_otherwise_or_lies_is_refused_with_the_operatio
     let lies = [
         // The lie, and the operation that shows it.
         ("bitcast<f32>(a) + bitcast<f32>(b))", "bitcast<f32>(a) + bitcast<f32>(b)) & 0xfffffffeu", " + "),
-        ("return sign | min(word, INFINITE);", "return sign | min(word - (word & 1u), INFINITE);", "a / b"),
-        ("let up = (root & 1u) == 1u &&", "let up = false &&", "square root"),
+        ("select(min(word, INFINITE),", "select(min(word - (word & 1u), INFINITE),", "a / b"),
+        ("let up = ((root & 1u) == 1u) &", "let up = false &", "square root"),
         ("return select(b, a, is_less(b, a));", "return select(b, a, !is_less(a, b));", "a if a > b, else b"),
-        ("let up = cut > 0x80u ||", "let up = cut >= 0x80u ||", "nearest number, ties to even"),
+        ("let up = (cut > 0x80u) |", "let up = (cut >= 0x80u) |", "nearest number, ties to even"),
         ("a >= 0x4f800000u);", "a > 0x7f800000u);", "truncated and clamped to the range; 0 for NaN"),
-        ("(a & SIGN) != 0u && whole != a);", "false);", "greatest integer not above a"),
+        ("((a & SIGN) != 0u) & (whole != a));", "false);", "greatest integer not above a"),
         ("x > 0x3f000000u);", "x >= 0x3f000000u);", "nearest integer, ties to even"),
     ];
     for (exact, lie, operation) in lies {
