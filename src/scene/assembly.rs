@@ -512,7 +512,7 @@ mod tests {
         assert!((normal - Vec3::new(0.0, 3.0, 2.0).normalize()).length() < 1e-6, "{normal}");
         assert_eq!(tangent, Vec4::new(-1.0, 0.0, 0.0, -1.0));
         let local =
-            scene.objects.local_at::<crate::lanes::SingleLane>(6.into(), scene.mesh.positions[13].into());
+            scene.objects.local_at::<crate::lanes::SingleLane>(6_u32.into(), scene.mesh.positions[13].into());
         assert!((Vec3::from(local) - Vec3::X).length() < 1e-6);
     }
 
@@ -573,7 +573,7 @@ mod tests {
         let many = TriangleMesh::new(square().positions, vec![[0, 1, 2]; 1 << 20]);
         let transforms = vec![DMat4::IDENTITY; 1 << 8];
         assert!(told(a, Part { transforms, ..Part::new("b", many) }).contains("at most 268435455"));
-        let image = TextureImage::of_bytes((1, 1), [[128, 128, 255, 255]]).expect("a pixel");
+        let image = TextureImage::of_bytes((1, 1), [[128_u8, 128, 255, 255]]).expect("a pixel");
         let texture = a.add_texture(image.texture("n", ColourSpace::Linear, [Wrap::Repeat; 2]));
         let place = TextureRef { set: 1, ..TextureRef::plain(texture) };
         let normal_map = Some(NormalMap { texture: place, scale: 1.0 });

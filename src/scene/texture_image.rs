@@ -69,7 +69,7 @@ impl TextureImage {
     /// ```
     /// use raystream::scene::{ColourSpace, TextureImage, Wrap};
     ///
-    /// let grey = TextureImage::of_linear((1, 1), [[0.5, 0.5, 0.5, 1.0]])?;
+    /// let grey = TextureImage::of_linear((1, 1), [[0.5_f32, 0.5, 0.5, 1.0]])?;
     /// let byte = |space| grey.texture("grey", space, [Wrap::Repeat; 2]).texels[0][0];
     /// assert_eq!((byte(ColourSpace::Srgb), byte(ColourSpace::Linear)), (188, 128));
     /// # Ok::<(), raystream::scene::TextureImageError>(())
@@ -203,8 +203,8 @@ mod tests {
         let mut pixels = vec![[0.5; 4]; 4];
         (pixels[2][1], pixels[3][0]) = (f32::NAN, 2.0);
         assert!(told(pixels).starts_with("row 1, column 0, channel 1 is NaN"));
-        let none = TextureImage::of_bytes((0, 0), Vec::new());
-        assert!(none.is_err() && TextureImage::of_bytes((1, 2), vec![[0; 4]; 2]).is_ok());
+        let none = TextureImage::of_bytes((0, 0), Vec::<[u8; 4]>::new());
+        assert!(none.is_err() && TextureImage::of_bytes((1, 2), vec![[0_u8; 4]; 2]).is_ok());
     }
 
     #[test]

@@ -32,7 +32,7 @@ impl Assembly {
     /// use raystream::scene::{Assembly, TextureImage, TextureUse};
     ///
     /// let recipe = serde_json::from_str(r#"{ "texture": "cork", "roughness": 0.4 }"#)?;
-    /// let cork = TextureImage::of_bytes((1, 1), [[160, 110, 70, 255]])?;
+    /// let cork = TextureImage::of_bytes((1, 1), [[160_u8, 110, 70, 255]])?;
     /// let textures = [("cork".to_owned(), TextureUse::plain(cork))].into();
     /// let mut assembly = Assembly::default();
     /// assert_eq!(assembly.add_recipe("floor", &recipe, &textures)?, 0);
