@@ -13,6 +13,7 @@ mod code;
 #[cfg(feature = "gpu")]
 mod device;
 mod diagnosis;
+mod finish_call;
 mod fuse;
 #[cfg(feature = "gpu")]
 pub mod gpu;

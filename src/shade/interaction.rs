@@ -306,23 +306,23 @@ impl<'a> Maps<'a> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn of(scene: &'a Scene, material: &'a Material) -> Self {
-        let set = |map: &NormalMap| map.texture.set;
+        let (set, mut rough) = (|map: &NormalMap| map.texture.set, None);
         let (normal, mut sets) = (material.normal_map.is_some(), material.normal_map.as_ref().map(set));
-        let (surface, mut rough) = (&material.surface, None);
-        let surface = match surface {
+        let surface = match &material.surface {
             Surface::Principled(surface) => Some(surface),
             Surface::Procedural(index) => {
                 let coded = &scene.procedurals[*index as usize];
                 rough = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
                 coded.own().map(OwnSurface::surface)
             }
+            Surface::Scattering(index) => scene.scatterings[*index as usize].own().map(OwnSurface::surface),
             _ => None,
         };
         let Some(surface) = surface else {
             return Self { normal, anisotropy: rough, coat: None, set: sets.unwrap_or(0) };
         };
         let own_coat = surface.has_own_coat(material.normal_map.as_ref());
-        let coat = if own_coat { Some(surface.coat_normal_map.as_ref()) } else { None };
+        let coat = own_coat.then_some(surface.coat_normal_map.as_ref());
         let anisotropy = surface.anisotropy.as_ref().or(rough);
         if sets.is_none() {
             let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);

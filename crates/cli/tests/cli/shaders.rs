@@ -70,7 +70,7 @@ fn shipped_shaders_are_valid_and_list_their_parameters() {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a pattern of") && text.contains(parameter), "{text}");
     }
-    for name in ["dust", "velvet"] {
+    for name in ["dust", "velvet", "pearl", "dusty"] {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a BSDF of") && text.contains("vec3f"), "{text}");
     }
