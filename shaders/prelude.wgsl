@@ -13,6 +13,17 @@ fn image_over(picture: texture_2d<f32>, uv: vec2f, side: f32) -> vec4f {
     return vec4f(uv, side, 1.0);
 }
 
+// In a BSDF: the native BSDF of a finish, where the shading normal is +z. BSDF times |cosine|, and the density of
+// `finish_sample`.
+fn finish_evaluate(finish: Finish, wo: vec3f, wi: vec3f) -> Lobe {
+    return Lobe(finish.colour * wi.z, wo.z);
+}
+
+// A direction, as the native BSDF of a finish scatters light.
+fn finish_sample(finish: Finish, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
+    return Scattered(vec3f(u2, wo.z), finish.colour, u);
+}
+
 fn pow3(base: vec3f, power: f32) -> vec3f {
     return vec3f(pow_of(base.x, power), pow_of(base.y, power), pow_of(base.z, power));
 }

@@ -3,7 +3,7 @@
 use super::picture_file::PictureFile;
 use super::plugin_options::Setting;
 use crate::memory::MemoryBudget;
-use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader};
+use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader, files_within, with_imports};
 use crate::scene::load::LoadOptions;
 use crate::scene::{BoundTexture, Scene, Surface, SurfaceRequest, TextureRef};
 use anyhow::{Context, Result, bail, ensure};
@@ -108,7 +108,7 @@ struct Applied {
     /// Their numbers, and the surfaces that they have themselves.
     materials: Vec<(usize, Surface)>,
     values: Vec<(String, String)>,
-    /// The file and those of its pictures, and when each was last changed before it was read.
+    /// The file, those that it imports and its pictures, and when each was last changed before it was read.
     modified: Vec<(PathBuf, Option<SystemTime>)>,
 }
 
@@ -120,6 +120,16 @@ impl Applied {
         let materials = numbers.into_iter().map(|number| (number, scene.materials[number].surface)).collect();
         let ShaderSurface { material, file, values } = surface;
         Self { file, material, materials, values, modified }
+    }
+
+    /// Watches the files that a text holds, too.
+    fn watch_imports(&mut self, text: &str) {
+        for path in files_within(text) {
+            let file = self.file.with_file_name(path);
+            if !self.modified.iter().any(|(other, _)| *other == file) {
+                self.modified.push((file.clone(), modified(&file)));
+            }
+        }
     }
 
     /// True if a file has changed since it was asked for the last time.
@@ -204,9 +214,9 @@ pub fn apply(
         surface.map_files::<anyhow::Error>(beside)?;
         let is_regular = std::fs::metadata(&surface.file).map_or(true, |found| found.is_file());
         ensure!(is_regular, "{}: a scene may name regular files only", surface.file.display());
-        let shader = Applied::new(surface, vec![number], scene);
-        let told = || format!("the shader of material {:?}: {}", shader.material, shader.file.display());
-        loader.give(scene, &shader).with_context(told)?;
+        let mut shader = Applied::new(surface, vec![number], scene);
+        let told = format!("the shader of material {:?}: {}", shader.material, shader.file.display());
+        loader.give(scene, &mut shader).context(told)?;
         all.push(shader);
     }
     between(scene)?;
@@ -216,8 +226,8 @@ pub fn apply(
         if numbers.is_empty() {
             return Err(scene.no_such_material(&surface.material)).with_context(told);
         }
-        let shader = Applied::new(surface.clone(), numbers, scene);
-        loader.give(scene, &shader).with_context(told)?;
+        let mut shader = Applied::new(surface.clone(), numbers, scene);
+        loader.give(scene, &mut shader).with_context(told)?;
         all.push(shader);
     }
     let unused = settings.iter().zip(loader.used).filter(|(_, used)| !used);
@@ -243,8 +253,10 @@ impl<'a> Loader<'a> {
     }
 
     /// Gives materials a shader.
-    fn give(&mut self, scene: &mut Scene, shader: &Applied) -> Result<()> {
+    fn give(&mut self, scene: &mut Scene, shader: &mut Applied) -> Result<()> {
         let text = read(&shader.file)?;
+        shader.watch_imports(&text);
+        let shader = &*shader;
         let shown = shader.file.display().to_string();
         // What the parameters are called is known only now.
         let parameters = SurfaceShader::parameters_of(&shown, &text)?;
@@ -319,8 +331,37 @@ fn alike(scene: &Scene, shader: &Applied, parameters: &[Parameter]) -> Vec<(usiz
     groups.into_iter().map(|(_, materials)| (materials[0], materials)).collect()
 }
 
-/// Reads a shader file.
+/// Reads a shader file with those that it imports: see [`with_imports`]. They lie in the folder of the first file or
+/// below, whatever links say.
+///
+/// # Errors
+/// If a file cannot be read, is none or lies elsewhere, or an import is wrong.
 pub fn read(path: &Path) -> Result<String> {
+    let text = read_alone(path)?;
+    let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    let mut import = |name: &str| imported(folder, name).map_err(|error| format!("{error:#}"));
+    Ok(with_imports(&path.display().to_string(), &text, &mut import)?)
+}
+
+/// The files that a shader file imports.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn imports_of(path: &Path) -> Result<Vec<PathBuf>> {
+    Ok(files_within(&read(path)?).into_iter().map(|file| path.with_file_name(file)).collect())
+}
+
+/// The text of a file in a folder.
+fn imported(folder: &Path, name: &str) -> Result<String> {
+    let told = || "it cannot be read";
+    let (folder, file) = (folder.canonicalize().with_context(told)?, folder.join(name));
+    let file = file.canonicalize().with_context(told)?;
+    ensure!(file.starts_with(folder), "a link leads out of the shader's folder");
+    ensure!(file.is_file(), "it is no regular file");
+    read_alone(&file)
+}
+
+fn read_alone(path: &Path) -> Result<String> {
     let told = || path.display().to_string();
     let file = std::fs::File::open(path).with_context(told)?;
     let mut bytes = Vec::new();

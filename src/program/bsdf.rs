@@ -3,13 +3,18 @@
 use super::code::Register;
 #[cfg(feature = "gpu")]
 use super::device::Program;
+use super::finish_call::FinishPlace;
 use super::kernel::{Kernel, PointInputs, Signature};
 use super::loaded::Loaded;
+use super::lower::{Base, Lowered};
 use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::source::{ShaderError, SourceText};
 use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
-use crate::scene::{BoundTexture, Points, Scattered, Scattering};
+use crate::scene::{
+    BoundTexture, OwnSurface, Points, Scattered, Scattering, ScatteringSurface, Transmission,
+};
+use crate::shade::bsdf::ClearCoat;
 use std::fmt;
 use std::sync::Arc;
 
@@ -30,6 +35,13 @@ const SAMPLE: Signature = Signature {
     arguments: &["State", "vec3f", "f32", "vec2f"],
     result: "Scattered",
     text: "fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered",
+};
+
+const CLEAR_COAT: Signature = Signature {
+    name: "clear_coat",
+    arguments: &["Point"],
+    result: "ClearCoat",
+    text: "fn clear_coat(at: Point) -> ClearCoat",
 };
 
 /// Functions by which a file is told to be a BSDF.
@@ -65,14 +77,19 @@ pub(super) const FUNCTIONS: [&str; 2] = [EVALUATE.name, SAMPLE.name];
 /// # Ok::<(), raystream::program::ShaderError>(())
 /// ```
 ///
-/// With `const transmits = true;` light also comes from below, from directions with `wi.z < 0`.
+/// With `const transmits = true;` light also comes from below, from directions with `wi.z < 0`. A function
+/// `clear_coat` puts the engine's clear coat over the BSDF. `base(at)` is the finish of the material itself, and
+/// `finish_evaluate` and `finish_sample` call the native BSDF of a finish.
 pub struct BsdfShader {
     text: Arc<SourceText>,
     hash: u64,
-    loaded: Loaded,
+    loaded: Arc<Loaded>,
     evaluate: Prepared,
     sample: Prepared,
+    coat: Option<Prepared>,
     transmits: bool,
+    /// True if it asks for the finish of its material.
+    asks_base: bool,
 }
 
 /// A function that takes the state of a point, lowered together with `prepare`, which computes that state: what does
@@ -86,9 +103,9 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn of(loaded: &Loaded, function: &Signature) -> Result<Self, ShaderError> {
-        let kernel = loaded.chain(&PREPARE, function)?;
-        let inputs = kernel.inputs();
+    fn of(loaded: &Loaded, lowered: &Lowered) -> Result<Self, ShaderError> {
+        let kernel = Kernel::new(lowered.code.clone(), loaded.pictures()?);
+        let inputs = kernel.inputs_over_material();
         let scalars = inputs.registers.len();
         let arguments = kernel.code.inputs.iter().filter_map(|&(scalar, register)| {
             let argument = (scalar as usize).checked_sub(scalars)?;
@@ -123,15 +140,37 @@ impl BsdfShader {
 
     pub(super) fn of(loaded: Loaded) -> Result<Self, ShaderError> {
         loaded.refuse_displacement()?;
-        let evaluate = Prepared::of(&loaded, &EVALUATE)?;
-        let sample = Prepared::of(&loaded, &SAMPLE)?;
+        Self::lowered(&Arc::new(loaded), None)
+    }
+
+    /// The BSDF as it is on a material of a surface, if that is known.
+    fn lowered(loaded: &Arc<Loaded>, own: Option<&OwnSurface>) -> Result<Self, ShaderError> {
+        let words: Option<Vec<Option<u32>>> =
+            own.map(|own| own.constants().into_iter().map(|x| x.map(f32::to_bits)).collect());
+        let base = words.as_ref().map_or(Base::Unknown, |words| Base::Of(words));
+        let (ior, place) = (loaded.ior(), place(loaded, own));
+        let [evaluate, sample] = [&EVALUATE, &SAMPLE];
+        let evaluate = loaded.chain([&PREPARE, evaluate], base, place)?;
+        let sample = loaded.chain([&PREPARE, sample], base, place)?;
+        let coat = match loaded.has(CLEAR_COAT.name) {
+            true => Some(loaded.lower(&CLEAR_COAT, base)?),
+            false => None,
+        };
+        let both = [&evaluate, &sample];
+        let scatters_through = both.iter().any(|lowered| lowered.scatters_through);
+        if scatters_through {
+            ior.map_err(|fault| loaded.error(&fault))?;
+        }
+        let transmits = loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0);
         Ok(Self {
             text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
-            transmits: loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0),
-            loaded,
-            evaluate,
-            sample,
+            transmits: transmits || scatters_through,
+            asks_base: both.into_iter().chain(&coat).any(|lowered| lowered.asks_base),
+            evaluate: Prepared::of(loaded, &evaluate)?,
+            sample: Prepared::of(loaded, &sample)?,
+            coat: coat.as_ref().map(|coat| Prepared::of(loaded, coat)).transpose()?,
+            loaded: Arc::clone(loaded),
         })
     }
 
@@ -152,8 +191,19 @@ impl BsdfShader {
     /// When the functions together are too long.
     #[cfg(feature = "gpu")]
     pub(super) fn program(&self) -> Result<Program, ShaderError> {
-        let code = self.loaded.fork(&PREPARE, [&EVALUATE, &SAMPLE])?;
+        let code = self.loaded.fork(&PREPARE, [&EVALUATE, &SAMPLE], place(&self.loaded, None))?;
         Ok(Program { text: Arc::clone(&self.text), code: Arc::new(code) })
+    }
+
+    /// True if the engine's clear coat lies over the BSDF.
+    pub fn is_coated(&self) -> bool {
+        self.coat.is_some()
+    }
+
+    /// True if it asks for the finish of its material.
+    #[cfg(feature = "gpu")]
+    pub(super) fn asks_base(&self) -> bool {
+        self.asks_base
     }
 
     /// Number of operations of `evaluate` and of `sample`, each with `prepare`; loops counted once.
@@ -188,16 +238,18 @@ impl BsdfShader {
     }
 }
 
-impl Scattering for BsdfShader {
+impl BsdfShader {
+    /// `evaluate` of the file.
     #[inline(always)]
-    fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+    fn evaluate_bare<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let arguments = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
         let [r, g, b, pdf] = self.call(at, &self.evaluate, arguments);
         (Vector::new(r, g, b), pdf)
     }
 
+    /// `sample` of the file.
     #[inline(always)]
-    fn sample<L: Lanes>(
+    fn sample_bare<L: Lanes>(
         &self,
         at: &Points<L>,
         wo: Vector<L>,
@@ -209,6 +261,60 @@ impl Scattering for BsdfShader {
         Scattered { wi: Vector::new(x, y, z), weight: Vector::new(r, g, b), pdf }
     }
 
+    /// The clear coat of points seen from `wo`.
+    #[inline(always)]
+    fn clear_coat<L: Lanes>(&self, at: &Points<L>, coat: &Prepared, wo: Vector<L>) -> ClearCoat<L> {
+        let [weight, roughness, r, g, b] = self.call(at, coat, [Num::zero(at.lanes()); 6]);
+        ClearCoat::new(weight, roughness, Vector::new(r, g, b), wo)
+    }
+
+    /// `evaluate` below the horizon is 0 unless the BSDF transmits.
+    #[inline(always)]
+    fn evaluate_below_coat<L: Lanes>(
+        &self,
+        at: &Points<L>,
+        wo: Vector<L>,
+        wi: Vector<L>,
+    ) -> (Vector<L>, Num<L>) {
+        let (value, pdf) = self.evaluate_bare(at, wo, wi);
+        if self.transmits {
+            return (value, pdf);
+        }
+        let above = wi.z.above(0.0);
+        (value.only(above), pdf.only(above))
+    }
+}
+
+impl Scattering for BsdfShader {
+    #[inline(always)]
+    fn evaluate<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+        match &self.coat {
+            None => self.evaluate_bare(at, wo, wi),
+            Some(coat) => {
+                let coat = self.clear_coat(at, coat, wo);
+                coat.evaluate(wi, self.evaluate_below_coat(at, wo, wi))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn sample<L: Lanes>(&self, at: &Points<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Scattered<L> {
+        let Some(coat) = &self.coat else { return self.sample_bare(at, wo, u, u2) };
+        let coat = self.clear_coat(at, coat, wo);
+        let (chosen, rest) = coat.choose(u);
+        let below = self.sample_bare(at, wo, rest, u2);
+        coat.sample(chosen, u2, below, |wi| self.evaluate_below_coat(at, wo, wi))
+    }
+
+    fn starts_from_material(&self) -> bool {
+        self.asks_base
+    }
+
+    fn over(&self, own: &OwnSurface) -> Result<Option<ScatteringSurface>, String> {
+        let over = Self::lowered(&self.loaded, Some(own)).map_err(|error| error.to_string())?;
+        Ok(Some(ScatteringSurface::new(over)))
+    }
+
     fn transmits(&self) -> bool {
         self.transmits
     }
@@ -218,6 +324,17 @@ impl Scattering for BsdfShader {
     }
 
     fn reads_moment(&self) -> bool {
-        self.evaluate.inputs.read_moment() || self.sample.inputs.read_moment()
+        let mut all = [&self.evaluate, &self.sample].into_iter().chain(&self.coat);
+        all.any(|function| function.inputs.read_moment())
+    }
+}
+
+/// What calls of native BSDFs need to know about the surface of a file: on a material of a surface, if that is known.
+fn place(loaded: &Loaded, own: Option<&OwnSurface>) -> FinishPlace {
+    let given = loaded.ior().ok().flatten().map(|ior| Transmission::Body { ior });
+    let transmission = given.or_else(|| own.and_then(OwnSurface::transmission));
+    FinishPlace {
+        transmission: transmission.unwrap_or(Transmission::ThinWall),
+        has_anisotropy: own.is_some_and(|own| own.surface().anisotropy.is_some()),
     }
 }

@@ -1,8 +1,10 @@
 //! Lowered programs: instructions over columns of words.
 
+use super::finish_call::FinishFunction;
 use super::integrator::HostFunction;
 use super::native::Native;
 use super::operation::Operation;
+use crate::scene::Effects;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -23,6 +25,9 @@ pub(super) enum Instruction {
     /// averaged, and the barycentrics of the hit; `results` are red, green, blue and alpha. Both are ranges of
     /// [`Code::lists`].
     LookUp { picture: u32, operands: Range<u32>, results: Range<u32> },
+    /// Calls the native BSDF of a finish with these effects at all points: `operands` are those of
+    /// [`super::finish_call::FinishCall`], and both are ranges of [`Code::lists`].
+    Finish { function: FinishFunction, effects: Effects, operands: Range<u32>, results: Range<u32> },
     /// Copies from the register of `lists[columns]` that the index names at each point, the last one for greater
     /// indices.
     Element { columns: Range<u32>, index: Register, to: Register },
@@ -61,13 +66,19 @@ impl Code {
         self.instructions.iter().any(|instruction| matches!(instruction, Instruction::LookUp { .. }))
     }
 
+    /// True if it calls native BSDFs.
+    #[cfg(feature = "gpu")]
+    pub fn calls_finishes(&self) -> bool {
+        self.instructions.iter().any(|instruction| matches!(instruction, Instruction::Finish { .. }))
+    }
+
     /// The registers that an instruction reads.
     pub fn reads(&self, instruction: &Instruction) -> Vec<Register> {
         match instruction {
             Instruction::Compute { operation, operands, .. } => operands[..operation.operands()].to_vec(),
-            Instruction::Call { operands, .. } | Instruction::LookUp { operands, .. } => {
-                self.list(operands).to_vec()
-            }
+            Instruction::Call { operands, .. }
+            | Instruction::LookUp { operands, .. }
+            | Instruction::Finish { operands, .. } => self.list(operands).to_vec(),
             Instruction::Host { mask, operands, .. } => {
                 [self.list(operands), std::slice::from_ref(mask)].concat()
             }
@@ -84,6 +95,7 @@ impl Code {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
             Instruction::Call { results, .. }
             | Instruction::LookUp { results, .. }
+            | Instruction::Finish { results, .. }
             | Instruction::Host { results, .. } => self.list(results).to_vec(),
             Instruction::Skip { .. } | Instruction::Repeat { .. } => Vec::new(),
         }
@@ -189,7 +201,7 @@ impl Code {
                 Instruction::Skip { mask, .. }
                 | Instruction::Repeat { mask, .. }
                 | Instruction::Host { mask, .. } => named(mask),
-                Instruction::Call { .. } | Instruction::LookUp { .. } => {}
+                Instruction::Call { .. } | Instruction::LookUp { .. } | Instruction::Finish { .. } => {}
             }
         }
         self.registers = count;

@@ -95,14 +95,16 @@ impl Kernel {
         PointInputs { wanted, registers }
     }
 
-    /// [`Kernel::inputs`] of a pattern, whose inputs behind the point are the finish of its material.
+    /// [`Kernel::inputs`] of a shader whose inputs behind the point are the finish of its material, then others.
     pub fn inputs_over_material(&self) -> PointInputs {
         let mut inputs = self.inputs();
         inputs.registers.resize(BlockColumns::POINT + BlockColumns::FINISH, None);
         for &(scalar, register) in &self.code.inputs {
-            if scalar as usize >= BlockColumns::POINT {
+            if scalar as usize >= BlockColumns::POINT
+                && let Some(to) = inputs.registers.get_mut(scalar as usize)
+            {
                 inputs.wanted |= BASE;
-                inputs.registers[scalar as usize] = Some((register, false));
+                *to = Some((register, false));
             }
         }
         inputs

@@ -2,7 +2,8 @@
 
 #[cfg(feature = "gpu")]
 use super::code::Code;
-use super::kernel::{Kernel, Signature};
+use super::finish_call::FinishPlace;
+use super::kernel::Signature;
 #[cfg(feature = "gpu")]
 use super::lower::lower_fork;
 use super::lower::{Base, Input, Lowered, lower, lower_chain};
@@ -131,14 +132,20 @@ impl Loaded {
         lower(input, function).map_err(|fault| self.error(&fault.at(span)))
     }
 
-    /// Lowers a function and one that is called with its result and more arguments.
+    /// Lowers a function and one that is called with its result and more arguments, in a BSDF of this place.
     ///
     /// # Errors
     /// When there is no such function, or one uses what shaders lack.
-    pub fn chain(&self, first: &Signature, second: &Signature) -> Result<Kernel, ShaderError> {
+    pub fn chain(
+        &self,
+        [first, second]: [&Signature; 2],
+        base: Base<'_>,
+        place: FinishPlace,
+    ) -> Result<Lowered, ShaderError> {
         let find = |signature: &Signature| signature.find(&self.source);
-        let code = find(first).and_then(|first| lower_chain(self.input(), &[first, find(second)?]));
-        Ok(Kernel::new(code.map_err(|fault| self.error(&fault))?, self.pictures()?))
+        let input = Input { base, finishes: Some(place), ..self.input() };
+        let lowered = find(first).and_then(|first| lower_chain(input, &[first, find(second)?]));
+        lowered.map_err(|fault| self.error(&fault))
     }
 
     /// Lowers a function and two that are called with its result and more arguments. They share the first of these.
@@ -146,17 +153,37 @@ impl Loaded {
     /// # Errors
     /// When there is no such function, or one uses what shaders lack.
     #[cfg(feature = "gpu")]
-    pub fn fork(&self, first: &Signature, [second, third]: [&Signature; 2]) -> Result<Code, ShaderError> {
+    pub fn fork(
+        &self,
+        first: &Signature,
+        [second, third]: [&Signature; 2],
+        place: FinishPlace,
+    ) -> Result<Code, ShaderError> {
         let find = |signature: &Signature| signature.find(&self.source);
-        let code =
-            find(first).and_then(|first| lower_fork(self.input(), first, [find(second)?, find(third)?], 2));
+        let input = Input { base: Base::Unknown, finishes: Some(place), ..self.input() };
+        let code = find(first).and_then(|first| lower_fork(input, first, [find(second)?, find(third)?], 2));
         code.map_err(|fault| self.error(&fault))
     }
 
     fn input(&self) -> Input<'_> {
         let Source { module, info, text } = &self.source;
         let (overrides, natives) = (&self.overrides, self.natives);
-        Input { module, info, overrides, natives, text, host: None, base: Base::Refused }
+        Input { module, info, overrides, natives, text, host: None, base: Base::Refused, finishes: None }
+    }
+
+    /// The index of refraction of `const ior`.
+    ///
+    /// # Errors
+    /// When it is no number of at least 1.
+    pub fn ior(&self) -> Result<Option<f32>, Fault> {
+        match self.constant("ior") {
+            None => Ok(None),
+            Some((ior, _)) if ior >= 1.0 && ior.is_finite() => Ok(Some(ior)),
+            Some((ior, span)) => {
+                let message = format!("`ior` is {}", shown(ior));
+                Err(Fault::new(span, message, "write a number of at least 1"))
+            }
+        }
     }
 
     /// True if the file has a function of this name.
@@ -214,6 +241,11 @@ impl Loaded {
         };
         Some((number, module.constants.get_span(handle)))
     }
+}
+
+/// A constant in a message.
+pub(super) fn shown(constant: f32) -> String {
+    if constant.is_nan() { "no number, but an expression".into() } else { constant.to_string() }
 }
 
 /// The two things that a picture may be bound to.

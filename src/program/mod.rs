@@ -13,9 +13,11 @@ mod code;
 #[cfg(feature = "gpu")]
 mod device;
 mod diagnosis;
+mod finish_call;
 mod fuse;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+mod import;
 pub mod integrator;
 mod kernel;
 mod loaded;
@@ -37,6 +39,7 @@ mod token;
 mod translation;
 
 pub use bsdf::BsdfShader;
+pub use import::{files_within, with_imports};
 #[doc(hidden)]
 pub use native::{ease, noise};
 pub use parameter::Parameter;

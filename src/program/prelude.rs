@@ -27,7 +27,10 @@ pub fn prelude() -> String {
     text += "}\n\n// What `evaluate` of a BSDF returns: BSDF times |cosine|, and the density of `sample`.\n\
              struct Lobe {\n    value: vec3f,\n    pdf: f32,\n}\n\n\
              // What `sample` of a BSDF returns: a direction, BSDF times |cosine| / density, and the density.\n\
-             struct Scattered {\n    wi: vec3f,\n    weight: vec3f,\n    pdf: f32,\n";
+             struct Scattered {\n    wi: vec3f,\n    weight: vec3f,\n    pdf: f32,\n}\n\n\
+             // What `clear_coat` of a BSDF returns: the coated share of the surface, the perceptual roughness of the\n\
+             // coat, and the share of white light that remains after it has passed the coat down and up.\n\
+             struct ClearCoat {\n    weight: f32,\n    roughness: f32,\n    colour: vec3f,\n";
     text += "}\n\n// A white, rough, opaque dielectric: all fields at their defaults.\n";
     text += "fn matte(at: Point) -> Finish {\n    return Finish(";
     let defaults: Vec<String> = FINISH_FIELDS.iter().map(default_value).collect();

@@ -1,6 +1,7 @@
 //! Runs programs over blocks of points.
 
 use super::code::{Code, Instruction, Register};
+use super::finish_call::{FinishCall, OPERANDS};
 use super::integrator::{Host, HostCall};
 use super::native::Native;
 use super::operation::{CHUNK, Operand};
@@ -214,6 +215,15 @@ impl<'a, L: Lanes, const CHUNK_ALONE: bool> OutlinedTask<L> for UntilHost<'a, CH
                 Instruction::LookUp { picture, operands, results } => {
                     let picture = &pictures[*picture as usize];
                     look_up(l, picture, columns, code.list(operands), code.list(results), points);
+                }
+                Instruction::Finish { function, effects, operands, results } => {
+                    let (function, to) = (*function, code.list(results));
+                    for start in (0..points).step_by(L::LANES) {
+                        let operands =
+                            &numbers_at::<L, OPERANDS>(l, columns, code.list(operands), start, points);
+                        let results = l.outlined(FinishCall { function, effects, operands });
+                        write_at(columns, &results, to, start, points);
+                    }
                 }
                 Instruction::Host { function, mask, operands, results, place } => {
                     let (operands, results) = (code.list(operands), code.list(results));

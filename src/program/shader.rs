@@ -114,7 +114,10 @@ impl SurfaceShader {
             Self::Pattern(pattern) => format!("a pattern of {} operations", pattern.operations()),
             Self::Bsdf(bsdf) => {
                 let [evaluate, sample] = bsdf.operations();
-                format!("a BSDF of {evaluate} (evaluate) and {sample} (sample) operations, each with prepare")
+                let coat = if bsdf.is_coated() { ", under a clear coat" } else { "" };
+                format!(
+                    "a BSDF of {evaluate} (evaluate) and {sample} (sample) operations, each with prepare{coat}"
+                )
             }
         }
     }

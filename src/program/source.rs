@@ -1,6 +1,7 @@
 //! Shader files: parsing, validation and messages with line and column.
 
 use super::diagnosis;
+use super::import::Files;
 use super::repaired::Repaired;
 use super::run::Endless;
 use super::translation::Translation;
@@ -65,7 +66,7 @@ pub struct ShaderError {
 impl ShaderError {
     /// An error of a whole file.
     pub(super) fn of_file(file: &str, message: &str, remedy: &str) -> Self {
-        error(file, "", None, message.into(), remedy.into())
+        error(file, "", None, &Fault::new(Span::UNDEFINED, message, remedy))
     }
 
     /// Errors of other declarations of the file.
@@ -90,11 +91,13 @@ impl fmt::Display for ShaderError {
     }
 }
 
-/// A file's text, and the text that is parsed: its translation with the prelude behind it.
+/// A file's text with those of the files that it imports, and the text that is parsed: its translation with the prelude
+/// behind it.
 #[derive(Debug)]
 pub(super) struct SourceText {
-    file: String,
-    own: String,
+    files: Files,
+    /// Bytes of the files.
+    own: usize,
     parsed: String,
     translation: Translation,
 }
@@ -112,7 +115,7 @@ impl SourceText {
 
     /// The file's name.
     pub fn file(&self) -> &str {
-        &self.file
+        self.files.first()
     }
 
     /// The file's name for a name of the text that is parsed.
@@ -123,7 +126,7 @@ impl SourceText {
     /// The bytes of the file for a place; `None` for the prelude.
     fn own_range(&self, span: Span) -> Option<Range<usize>> {
         let range = self.translation.own_range(span.to_range()?)?;
-        (range.end <= self.own.len()).then_some(range)
+        (range.end <= self.own).then_some(range)
     }
 
     /// The error for a loop that does not end.
@@ -140,7 +143,7 @@ impl SourceText {
     pub fn error(&self, fault: &Fault) -> ShaderError {
         let message = self.translation.in_own_names(&fault.message);
         let remedy = self.translation.in_own_names(&fault.remedy);
-        error(&self.file, &self.own, self.own_range(fault.span), message, remedy)
+        self.files.error(&Fault { span: fault.span, message, remedy }, self.own_range(fault.span))
     }
 }
 
@@ -160,8 +163,14 @@ impl Source {
     ///
     /// # Errors
     /// When the text is no valid WGSL, or too long or too deeply nested. Of each declaration one error is told.
-    pub fn parse(file: &str, own: &str, prelude: &str) -> Result<Self, ShaderError> {
-        let (mut first, mut at) = match Self::parse_once(file, own, prelude) {
+    pub fn parse(file: &str, text: &str, prelude: &str) -> Result<Self, ShaderError> {
+        if text.len() > MAX_SOURCE_BYTES {
+            let message = format!("the shader has {} bytes; at most {MAX_SOURCE_BYTES} are read", text.len());
+            return Err(ShaderError::of_file(file, &message, "split it into shaders of several materials"));
+        }
+        let files = Files::of(file, text)?;
+        let own = &*files.code();
+        let (mut first, mut at) = match Self::parse_once(&files, own, prelude) {
             Ok(source) => return Ok(source),
             Err(refused) => *refused,
         };
@@ -172,28 +181,28 @@ impl Source {
             && let Some(place) = at
             && repaired.take_away(place)
         {
-            let Err(refused) = Self::parse_once(file, &repaired.text(), prelude) else { break };
+            let Err(refused) = Self::parse_once(&files, &repaired.text(), prelude) else { break };
             let (error, next) = *refused;
             at = next;
             if next.is_some_and(|place| place < own.len()) && !repaired.names_one_gone(&error.message) {
                 others.push(error);
             }
         }
-        others.sort_by_key(|error: &ShaderError| error.line);
+        others.sort_by(|a: &ShaderError, b| (&a.file, a.line).cmp(&(&b.file, b.line)));
         first.others = others.into();
         Err(first)
     }
 
     /// Parses and validates a text. The error comes with its place in the text.
-    fn parse_once(file: &str, own: &str, prelude: &str) -> Result<Self, Box<(ShaderError, Option<usize>)>> {
+    fn parse_once(
+        files: &Files,
+        own: &str,
+        prelude: &str,
+    ) -> Result<Self, Box<(ShaderError, Option<usize>)>> {
         let whole = |message: String, remedy: &str, at: Option<usize>| {
-            let range = at.map(|at| at..at + 1);
-            Err(Box::new((error(file, own, range, message, remedy.into()), None)))
+            let fault = Fault::new(Span::UNDEFINED, message, remedy);
+            Err(Box::new((files.error(&fault, at.map(|at| at..at + 1)), None)))
         };
-        if own.len() > MAX_SOURCE_BYTES {
-            let message = format!("the shader has {} bytes; at most {MAX_SOURCE_BYTES} are read", own.len());
-            return whole(message, "split it into shaders of several materials", None);
-        }
         if let Some(at) = too_deep(own, 1) {
             let message = format!(
                 "parentheses are nested more than {MAX_NESTING} deep, or a statement has more than {MAX_OPERATORS} \
@@ -212,7 +221,7 @@ impl Source {
             return whole(message.into(), "compute them in a function", None);
         }
         let parsed = format!("{}\n{prelude}", translation.text);
-        let text = SourceText { file: file.into(), own: own.into(), parsed, translation };
+        let text = SourceText { files: files.clone(), own: own.len(), parsed, translation };
         let refused = |text: &SourceText, fault: Fault| {
             let at = text.own_range(fault.span).map(|range| range.start);
             Err(Box::new((text.error(&fault), at)))
@@ -276,9 +285,10 @@ fn line_of(text: &str, at: usize) -> u32 {
     text[..floor_boundary(text, at)].matches('\n').count() as u32 + 1
 }
 
-/// An error at some bytes of a text, or of the whole text.
-fn error(file: &str, own: &str, range: Option<Range<usize>>, message: String, remedy: String) -> ShaderError {
+/// The error for a fault at some bytes of a file's text, or of the whole file.
+pub(super) fn error(file: &str, own: &str, range: Option<Range<usize>>, fault: &Fault) -> ShaderError {
     let (file, excerpt, others) = (file.into(), String::new(), Box::default());
+    let (message, remedy) = (fault.message.clone(), fault.remedy.clone());
     let mut error = ShaderError { file, line: 0, column: 0, message, remedy, excerpt, others };
     let Some(range) = range.filter(|range| range.start <= own.len()) else { return error };
     let start = floor_boundary(own, range.start);

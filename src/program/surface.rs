@@ -3,7 +3,7 @@
 #[cfg(feature = "gpu")]
 use super::device::Program;
 use super::kernel::{Kernel, PointInputs, Signature, first_scalar, write};
-use super::loaded::Loaded;
+use super::loaded::{Loaded, shown};
 use super::lower::{Base, Lowered, Output};
 use super::operation::CHUNK;
 use super::parameter::Parameter;
@@ -283,11 +283,6 @@ impl FinishSource for Outputs<'_> {
 
 const _: () = assert!(MAX_LANES == CHUNK && BLOCK.is_multiple_of(CHUNK));
 
-/// A constant in a message.
-fn shown(constant: f32) -> String {
-    if constant.is_nan() { "no number, but an expression".into() } else { constant.to_string() }
-}
-
 /// Effects that a pattern computes beside colours.
 fn effects(loaded: &Loaded, outputs: &[Output], own: Option<&OwnSurface>) -> Result<Effects, Fault> {
     let scalars = |name: &str| {
@@ -310,19 +305,12 @@ fn effects(loaded: &Loaded, outputs: &[Output], own: Option<&OwnSurface>) -> Res
         effects = effects.normals();
     }
     if !is_always("transmission", 0.0) {
-        effects = match loaded.constant("ior") {
+        effects = match loaded.ior()? {
             None => {
                 let own = own.and_then(OwnSurface::transmission);
                 Effects { transmission: Some(own.unwrap_or(Transmission::ThinWall)), ..effects }
             }
-            Some((ior, _)) if ior >= 1.0 && ior.is_finite() => effects.body_transmission(ior),
-            Some((ior, span)) => {
-                return Err(Fault::new(
-                    span,
-                    format!("`ior` is {}", shown(ior)),
-                    "write a number of at least 1",
-                ));
-            }
+            Some(ior) => effects.body_transmission(ior),
         };
     }
     effects.has_anisotropy = !is_always("anisotropy", 0.0);

@@ -1,7 +1,8 @@
 //! The state of a path between its hits.
 
+use super::Frame;
 use crate::film::Film;
-use crate::lanes::SingleLane;
+use crate::lanes::{Int, Lanes, Mask, Num, Plain, SingleLane, Vector};
 use crate::shade::Cone;
 use bytemuck::{Pod, Zeroable};
 
@@ -12,6 +13,13 @@ pub(super) const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
 /// The bit of [`PathState::pixel`] that paths have until they have met the features that guide a denoiser.
 pub(super) const SEEKS: u32 = 1 << 30;
 const _: () = assert!(super::Settings::MAX_PIXELS <= SEEKS as u64 && Film::HALF > SEEKS);
+
+/// The bit of [`PathState::depth`] that paths of one channel have.
+pub(super) const ONE_CHANNEL: u32 = 1 << DEPTH_BITS;
+pub(super) const FACING_SHIFT: u32 = DEPTH_BITS + 1;
+
+/// Bits of [`PathState::index2_and_cone`] that are the index.
+const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
 
 /// The state of a path.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -29,7 +37,7 @@ pub struct PathState {
     /// channel, and the quantised shading normal of the surface that the ray leaves.
     pub(super) depth: u32,
     /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it; a
-    /// little less if the ray has passed surfaces since.
+    /// little less if the ray has passed surfaces since. Rays that follow light have the negative of these two.
     pub(super) pdf: f32,
 }
 
@@ -67,7 +75,8 @@ impl PathState {
         self.depth & DEPTH
     }
 
-    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
+    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it, below
+    /// 0 if it follows the light of a punctual light through surfaces of computed opacity.
     pub fn pdf(&self) -> f32 {
         self.pdf
     }
@@ -75,5 +84,59 @@ impl PathState {
     /// The ray's cone.
     pub fn cone(&self) -> Cone<SingleLane> {
         Cone::unpack(self.index2_and_cone.into())
+    }
+}
+
+/// [`PathState`] in lanes.
+#[derive(Clone, Copy)]
+pub(super) struct States<L: Lanes> {
+    pub throughput: Vector<L>,
+    pub index2: Num<L>,
+    pub cone: Cone<L>,
+    pub pixel: Int<L>,
+    /// [`SEEKS`] or 0.
+    pub seeks: Int<L>,
+    pub sample: Int<L>,
+    pub depth: Int<L>,
+    /// [`ONE_CHANNEL`] or 0.
+    pub one_channel: Int<L>,
+    pub facing: Int<L>,
+    /// Below 0 for rays that follow light: see [`super::passing`].
+    pub pdf: Num<L>,
+}
+
+impl<L: Lanes> States<L> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn of(payloads: &[PathState], ids: Int<L>) -> Self {
+        let [r, g, b, packed, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
+        Self {
+            throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
+            index2: (packed & INDEX2).to_num_bits(),
+            cone: Cone::unpack(packed),
+            pixel: pixel & !SEEKS,
+            seeks: pixel & SEEKS,
+            sample,
+            depth: depth & DEPTH,
+            one_channel: depth & ONE_CHANNEL,
+            facing: depth >> FACING_SHIFT,
+            pdf: pdf.to_num_bits(),
+        }
+    }
+
+    /// [`Frame::target`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn target(&self, frame: &Frame) -> Int<L> {
+        frame.target(self.pixel, self.sample)
+    }
+
+    /// As rows in memory: the lanes of a mask, packed.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
+        let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
+        let depth = self.depth + self.one_channel + (self.facing << FACING_SHIFT);
+        let [pixel, sample, depth] =
+            [(self.pixel + self.seeks).to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
+        let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
+        Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
     }
 }

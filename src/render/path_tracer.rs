@@ -2,18 +2,19 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
-use super::path_state::{DEPTH, DEPTH_BITS, PathState, SEEKS};
+use super::passing::{Following, Passing, are_of_light, have_passed, lights_shine_through};
+use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
 use super::settings::{Settings, SettingsError};
-use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
+use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, ends_of, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, Plain, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
 use crate::scene::{BlockFinishes, Camera};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
 use crate::shade::{
-    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, pass_through, prefetch_hits, sort,
+    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort,
 };
 use crate::stream::Ray;
 
@@ -23,13 +24,7 @@ pub const ROULETTE_BOUNCES: u32 = 2;
 /// Maximum number of bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
 
-/// The bit of [`PathState::depth`] that paths of one channel have.
-const ONE_CHANNEL: u32 = 1 << DEPTH_BITS;
-const FACING_SHIFT: u32 = DEPTH_BITS + 1;
 const _: () = assert!(MAX_BOUNCES < DEPTH && FACING_SHIFT + Receiver::<Plain<8>>::FACING_BITS <= 32);
-
-/// Bits of [`PathState::index2_and_cone`] that are the index.
-const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
 
 /// A path survives roulette with this many times the energy that it carries, at most with certainty: survivors then
 /// weigh at most a quarter of a fresh path, and rare deep light is less noisy than with one times the energy.
@@ -126,59 +121,6 @@ fn power_heuristic<L: Lanes>(pdf: Num<L>, other: Num<L>) -> Num<L> {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// [`PathState`] in lanes.
-#[derive(Clone, Copy)]
-struct States<L: Lanes> {
-    throughput: Vector<L>,
-    index2: Num<L>,
-    pub cone: Cone<L>,
-    pub pixel: Int<L>,
-    /// [`SEEKS`] or 0.
-    seeks: Int<L>,
-    pub sample: Int<L>,
-    pub depth: Int<L>,
-    /// [`ONE_CHANNEL`] or 0.
-    one_channel: Int<L>,
-    facing: Int<L>,
-    pdf: Num<L>,
-}
-
-impl<L: Lanes> States<L> {
-    #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn of(payloads: &[PathState], ids: Int<L>) -> Self {
-        let [r, g, b, packed, pixel, sample, depth, pdf] = ids.rows(bytemuck::cast_slice(payloads));
-        Self {
-            throughput: Vector::new(r.to_num_bits(), g.to_num_bits(), b.to_num_bits()),
-            index2: (packed & INDEX2).to_num_bits(),
-            cone: Cone::unpack(packed),
-            pixel: pixel & !SEEKS,
-            seeks: pixel & SEEKS,
-            sample,
-            depth: depth & DEPTH,
-            one_channel: depth & ONE_CHANNEL,
-            facing: depth >> FACING_SHIFT,
-            pdf: pdf.to_num_bits(),
-        }
-    }
-
-    /// [`Frame::target`].
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn target(&self, frame: &Frame) -> Int<L> {
-        frame.target(self.pixel, self.sample)
-    }
-
-    /// As rows in memory: the lanes of a mask, packed.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn rows(self, lanes: Mask<L>) -> L::Array<[f32; 8]> {
-        let [x, y, z] = [self.throughput.x, self.throughput.y, self.throughput.z];
-        let depth = self.depth + self.one_channel + (self.facing << FACING_SHIFT);
-        let [pixel, sample, depth] =
-            [(self.pixel + self.seeks).to_num_bits(), self.sample.to_num_bits(), depth.to_num_bits()];
-        let packed = (self.index2.to_bits() & INDEX2) + self.cone.pack();
-        Num::packed_rows(lanes, [x, y, z, packed.to_num_bits(), pixel, sample, depth, self.pdf])
-    }
-}
-
 /// Receivers of light at hits. `is_frosted` tells whether light from below counts.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn receiver<L: Lanes>(frame: &Frame, at: &Interaction<L>, is_frosted: impl Fn() -> bool) -> Receiver<L> {
@@ -242,6 +184,8 @@ struct Shading<'a, 'o> {
     frame: &'a Frame,
     batch: Batch<'a, PathState>,
     out: &'a mut Output<'o, PathState, Contribution>,
+    /// True if some rays follow light.
+    follows_light: bool,
 }
 
 impl LaneTask for Shading<'_, '_> {
@@ -289,7 +233,11 @@ impl Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) {
         let frame = self.frame;
-        let state = States::of(self.batch.payloads, ids);
+        let (state, mut lanes) = (States::of(self.batch.payloads, ids), lanes);
+        if self.follows_light {
+            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), state.throughput);
+            lanes &= !are_of_light(&state);
+        }
         let mut direction = Vector::zero(ids.lanes());
         if !frame.lights().environment().is_even() {
             direction = rays_of(&self.batch, ids).1;
@@ -334,15 +282,7 @@ impl Shading<'_, '_> {
         if let Some(medium) = &material.medium {
             state.throughput = state.throughput * medium::passed(medium, &at, t);
         }
-        let mut lanes = lanes;
-        if let Some(opacity) = at.opacity(scene, material) {
-            let direction = -at.wo;
-            let rays = NewRays::new(at.origin(at.position, direction), direction);
-            let (sampler, state) = (self.sampler(&state), States { cone, ..state });
-            let primitive = at.texture.primitive;
-            let passing = Passing { out: self.out, sampler, rays, primitive, opacity, state, lanes };
-            lanes &= !t.lanes().outlined(passing);
-        }
+        let lanes = self.pass(number, &at, (&state, cone), ids, lanes);
         frame.add_first_hits_on(number, &at, state.pixel, lanes & state.depth.is(0));
         let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
         if let Some(emission) = &material.emission {
@@ -365,7 +305,7 @@ impl Shading<'_, '_> {
             let light = self.shader.clamped(light, state.depth);
             frame.splat_lanes(Some(number), shines, state.target(frame), light);
         }
-        let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
+        let mut lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
         if lanes.none() {
             return;
         }
@@ -379,10 +319,40 @@ impl Shading<'_, '_> {
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         state.seeks = self.meet(&place, &state, lanes);
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
-            self.sample_light(&place, &receiver, &state, &sampler, lanes);
+            (lanes, state.throughput) = self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, cone, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
+    }
+
+    /// Lets rays pass a surface of computed opacity; rays that follow light end where they do not. Returns the lanes
+    /// whose rays meet the surface. `cone` are the cones at the hits.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn pass<L: Lanes>(
+        &mut self,
+        number: u32,
+        at: &Interaction<L>,
+        (state, cone): (&States<L>, Cone<L>),
+        ids: Int<L>,
+        mut lanes: Mask<L>,
+    ) -> Mask<L> {
+        let scene = self.frame.scene();
+        if let Some(opacity) = at.opacity(scene, &scene.materials[number as usize]) {
+            let direction = -at.wo;
+            let mut rays = NewRays::new(at.origin(at.position, direction), direction);
+            if self.follows_light {
+                let left = ends_of(&self.batch, ids) - hits_of(&self.batch, ids).t;
+                rays.t_max = Num::select(are_of_light(state), left, rays.t_max);
+            }
+            let (sampler, state) = (self.sampler(state), States { cone, ..*state });
+            let primitive = at.texture.primitive;
+            let passing = Passing { out: self.out, sampler, rays, primitive, opacity, state, lanes };
+            lanes &= !at.wo.lanes().outlined(passing);
+        }
+        if self.follows_light {
+            lanes &= !are_of_light(state);
+        }
+        lanes
     }
 
     /// Adds what paths see to the features that guide a denoiser, if it is not seen in a mirror or through glass.
@@ -398,6 +368,7 @@ impl Shading<'_, '_> {
         Int::select(met, Int::splat(l, 0), state.seeks)
     }
 
+    /// Sends a shadow ray to a light. Returns the lanes whose paths go on by the BSDF, and their throughputs.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sample_light<L: Lanes>(
         &mut self,
@@ -405,8 +376,8 @@ impl Shading<'_, '_> {
         receiver: &Receiver<L>,
         state: &States<L>,
         sampler: &Sampler<L>,
-        lanes: Mask<L>,
-    ) {
+        all: Mask<L>,
+    ) -> (Mask<L>, Vector<L>) {
         let Place { number, at, bsdf, .. } = *place;
         let frame = self.frame;
         let light = light_sample(frame, receiver, sampler, state.depth);
@@ -416,9 +387,9 @@ impl Shading<'_, '_> {
             // Light from below counts too, if both normals agree that it is below.
             reached = !(reached ^ wi.z.above(0.0));
         }
-        let lanes = lanes & light.valid & reached;
+        let lanes = all & light.valid & reached;
         if lanes.none() {
-            return;
+            return (all, state.throughput);
         }
         let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
         let (value, _) = place.dispersed(value, wi.z.below(0.0), state);
@@ -432,6 +403,13 @@ impl Shading<'_, '_> {
         let lanes = lanes & !value.is_zero();
         let rays = NewRays { origin, direction, t_max };
         frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.target(frame));
+        if !self.follows_light {
+            return (all, state.throughput);
+        }
+        let (out, sampler, state) = (&mut *self.out, *sampler, *state);
+        let following = Following { out, sampler, rays, radiance, state, lanes: lanes & light.delta };
+        let (follows, throughput) = all.lanes().outlined(following);
+        (all & !follows, throughput)
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -515,34 +493,6 @@ impl Shading<'_, '_> {
     }
 }
 
-/// Rays that may pass a surface of computed opacity, without a bounce. Out of line: few materials have one.
-struct Passing<'a, 'o, L: Lanes> {
-    out: &'a mut Output<'o, PathState, Contribution>,
-    sampler: Sampler<L>,
-    /// The rays that go on where the surface is passed.
-    rays: NewRays<L>,
-    primitive: Int<L>,
-    opacity: Num<L>,
-    /// With the cones at the hits.
-    state: States<L>,
-    lanes: Mask<L>,
-}
-
-impl<L: Lanes> OutlinedTask<L> for Passing<'_, '_, L> {
-    /// The lanes that pass.
-    type Output = Mask<L>;
-
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn run(self, _: L) -> Mask<L> {
-        let Self { out, sampler, rays, primitive, opacity, state, lanes } = self;
-        let (pdf, may) = pass_through::passed(state.pdf);
-        let lanes = lanes & may & pass_through::passes(opacity, &sampler, state.depth, primitive);
-        let states = States { pdf, ..state }.rows(lanes);
-        rays.emit(out, lanes, bytemuck::cast_slice(states.as_ref()));
-        lanes
-    }
-}
-
 impl HitShader for PathShader {
     type Payload = PathState;
     type ShadowPayload = Contribution;
@@ -577,7 +527,8 @@ impl HitShader for PathShader {
         batch: Batch<'_, PathState>,
         out: &mut Output<'_, PathState, Contribution>,
     ) {
-        frame.simd().run(Shading { shader: self, frame, batch, out });
+        let follows_light = lights_shine_through(frame.scene(), frame.lights());
+        frame.simd().run(Shading { shader: self, frame, batch, out, follows_light });
     }
 
     #[inline]

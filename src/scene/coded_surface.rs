@@ -16,6 +16,24 @@ pub enum CodedSurface {
     Scattering(ScatteringSurface),
 }
 
+impl CodedSurface {
+    /// True if it starts from the surface of the material that it replaces.
+    fn starts_from_material(&self) -> bool {
+        match self {
+            Self::Procedural(surface) => surface.starts_from_material(),
+            Self::Scattering(surface) => surface.starts_from_material(),
+        }
+    }
+
+    /// The surface on a material of this surface.
+    fn over(&self, own: OwnSurface) -> Result<Self, String> {
+        Ok(match self {
+            Self::Procedural(surface) => surface.over(own)?.into(),
+            Self::Scattering(surface) => surface.over(own)?.into(),
+        })
+    }
+}
+
 impl From<ProceduralSurface> for CodedSurface {
     fn from(surface: ProceduralSurface) -> Self {
         Self::Procedural(surface)
@@ -197,14 +215,12 @@ impl Scene {
         materials: &[usize],
         surface: impl Into<CodedSurface>,
     ) -> Result<(), GiveSurfaceError> {
-        let starting = match surface.into() {
-            CodedSurface::Procedural(surface) if surface.starts_from_material() => surface,
-            surface => {
-                let surface = self.add_surface(surface);
-                materials.iter().for_each(|&number| self.materials[number].surface = surface);
-                return Ok(());
-            }
-        };
+        let starting = surface.into();
+        if !starting.starts_from_material() {
+            let surface = self.add_surface(starting);
+            materials.iter().for_each(|&number| self.materials[number].surface = surface);
+            return Ok(());
+        }
         // Materials of the same surface share one.
         let mut made: Vec<(OwnSurface, Surface)> = Vec::new();
         for &number in materials {
@@ -231,6 +247,7 @@ impl Scene {
     pub(super) fn own_surface(&self, material: &Material) -> Option<OwnSurface> {
         match material.surface {
             Surface::Procedural(index) => self.procedurals.get(index as usize)?.own().cloned(),
+            Surface::Scattering(index) => self.scatterings.get(index as usize)?.own().cloned(),
             _ => OwnSurface::of(material),
         }
     }

@@ -164,6 +164,9 @@ points! {
             "Time that the picture shows: that of the scene's animation, or of the frame.", Points::time_here;
         frame: U32 as Int<L>, "index", "below the number of frames", "Frame; 0 in a single picture.",
             Points::frame_here;
+        outside: Bool as Mask<L>, "1", "false or true",
+            "Whether the viewer is outside of the body, on the side of the vertex normals; without these, front.",
+            Points::outside_here;
     }
 }
 
@@ -361,6 +364,20 @@ impl<L: Lanes> Points<'_, L> {
     #[inline(always)]
     fn object_bounds_max_here(&self) -> Vector<L> {
         self.scene.object_bounds_at(self.primitive)[1]
+    }
+
+    #[inline(always)]
+    fn outside_here(&self) -> Mask<L> {
+        let mesh = &self.scene.mesh;
+        if mesh.normals.is_empty() {
+            return self.front;
+        }
+        let normals = vectors(&mesh.normals, &corners::indices(mesh, self.primitive));
+        let [a, b, c] = &normals;
+        let missing = a.is_zero() | b.is_zero() | c.is_zero();
+        let [u, v] = self.barycentric;
+        let side = blend(&normals, &[1.0 - u - v, u, v]).dot(self.geometric_normal);
+        Mask::select(missing, self.front, side.ge(Num::zero(self.lanes())))
     }
 
     #[inline(always)]

@@ -2,9 +2,9 @@
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use super::points::PointColumns;
-use super::{BoundTexture, Points, Scene};
+use super::{BoundTexture, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
-use std::fmt::Debug;
+use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
 /// A surface that is its own BSDF. It evaluates and samples directions for 8 or 16 hits at a time, and every
@@ -65,6 +65,19 @@ pub trait Scattering: Debug + Send + Sync + 'static {
         false
     }
 
+    /// True if the surface starts from that of the material itself: see [`Points::base`].
+    fn starts_from_material(&self) -> bool {
+        false
+    }
+
+    /// The surface as it is on a material of this surface, if that is another.
+    ///
+    /// # Errors
+    /// When it cannot be on such a material.
+    fn over(&self, _own: &OwnSurface) -> Result<Option<ScatteringSurface>, String> {
+        Ok(None)
+    }
+
     /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
     fn textures(&self) -> &[BoundTexture] {
         &[]
@@ -97,13 +110,55 @@ impl<L: Lanes> Scattered<L> {
 }
 
 /// A shared [`Scattering`] with its type erased.
-#[derive(Clone, Debug)]
-pub struct ScatteringSurface(Arc<dyn ErasedLanes>);
+#[derive(Clone)]
+pub struct ScatteringSurface {
+    surface: Arc<dyn ErasedLanes>,
+    /// The material's own surface, if this one starts from it.
+    own: Option<Arc<OwnSurface>>,
+}
+
+impl Debug for ScatteringSurface {
+    // The fingerprint of a scene contains this text.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let mut text = f.debug_tuple("ScatteringSurface");
+        text.field(&self.surface);
+        self.own.iter().for_each(|own| {
+            text.field(own);
+        });
+        text.finish()
+    }
+}
 
 impl ScatteringSurface {
     /// Erases the surface's type.
     pub fn new(surface: impl Scattering) -> Self {
-        Self(Arc::new(surface))
+        Self { surface: Arc::new(surface), own: None }
+    }
+
+    /// Calls [`Scattering::starts_from_material`].
+    pub fn starts_from_material(&self) -> bool {
+        self.surface.starts_from_material()
+    }
+
+    /// The surface on a material of this surface.
+    ///
+    /// # Errors
+    /// When it cannot be on such a material.
+    pub fn over(&self, own: OwnSurface) -> Result<Self, String> {
+        let over = self.surface.over(&own)?.unwrap_or_else(|| self.clone());
+        Ok(Self { own: Some(Arc::new(own)), ..over })
+    }
+
+    /// The surface that the material has itself, if this one starts from it.
+    #[inline]
+    pub fn own(&self) -> Option<&OwnSurface> {
+        self.own.as_deref()
+    }
+
+    /// Points of a scene, as the surface is given them.
+    #[inline(always)]
+    fn points<'a>(&'a self, scene: &'a Scene, columns: &'a PointColumns) -> PointsOf<'a> {
+        PointsOf { scene, own: self.own(), columns }
     }
 
     /// Calls [`Scattering::evaluate`].
@@ -115,11 +170,9 @@ impl ScatteringSurface {
         wi: Vector<L>,
     ) -> (Vector<L>, Num<L>) {
         let arguments = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
-        let result = self.0.evaluate(
-            L::LANES,
-            PointsOf { scene: at.scene, columns: &at.columns() },
-            &to_columns(arguments),
-        );
+        let columns = at.columns();
+        let points = self.points(at.scene, &columns);
+        let result = self.surface.evaluate(L::LANES, points, &to_columns(arguments));
         let [r, g, b, pdf] = from_columns(wo.lanes(), &result);
         (Vector::new(r, g, b), pdf)
     }
@@ -134,11 +187,9 @@ impl ScatteringSurface {
         [x, y]: [Num<L>; 2],
     ) -> Scattered<L> {
         let arguments = [wo.x, wo.y, wo.z, u, x, y];
-        let result = self.0.sample(
-            L::LANES,
-            PointsOf { scene: at.scene, columns: &at.columns() },
-            &to_columns(arguments),
-        );
+        let columns = at.columns();
+        let points = self.points(at.scene, &columns);
+        let result = self.surface.sample(L::LANES, points, &to_columns(arguments));
         let [x, y, z, r, g, b, pdf] = from_columns(wo.lanes(), &result);
         Scattered { wi: Vector::new(x, y, z), weight: Vector::new(r, g, b), pdf }
     }
@@ -146,17 +197,17 @@ impl ScatteringSurface {
     /// Calls [`Scattering::transmits`].
     #[inline]
     pub fn transmits(&self) -> bool {
-        self.0.transmits()
+        self.surface.transmits()
     }
 
     /// Calls [`Scattering::textures`].
     pub fn textures(&self) -> &[BoundTexture] {
-        self.0.textures()
+        self.surface.textures()
     }
 
     /// Calls [`Scattering::reads_moment`].
     pub fn reads_moment(&self) -> bool {
-        self.0.reads_moment()
+        self.surface.reads_moment()
     }
 }
 
@@ -165,6 +216,8 @@ trait ErasedLanes: Debug + Send + Sync {
     fn evaluate(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<4>;
     fn sample(&self, lanes: usize, at: PointsOf<'_>, arguments: &LaneColumns<6>) -> LaneColumns<7>;
     fn transmits(&self) -> bool;
+    fn starts_from_material(&self) -> bool;
+    fn over(&self, own: &OwnSurface) -> Result<Option<ScatteringSurface>, String>;
     fn reads_moment(&self) -> bool;
     fn textures(&self) -> &[BoundTexture];
 }
@@ -173,13 +226,14 @@ trait ErasedLanes: Debug + Send + Sync {
 #[derive(Clone, Copy)]
 struct PointsOf<'a> {
     scene: &'a Scene,
+    own: Option<&'a OwnSurface>,
     columns: &'a PointColumns,
 }
 
 impl<'a> PointsOf<'a> {
     #[inline(always)]
     fn points<L: Lanes>(&self, l: L) -> Points<'a, L> {
-        Points::of_columns(l, (self.scene, None), self.columns)
+        Points::of_columns(l, (self.scene, self.own), self.columns)
     }
 }
 
@@ -194,6 +248,14 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn transmits(&self) -> bool {
         Scattering::transmits(self)
+    }
+
+    fn starts_from_material(&self) -> bool {
+        Scattering::starts_from_material(self)
+    }
+
+    fn over(&self, own: &OwnSurface) -> Result<Option<ScatteringSurface>, String> {
+        Scattering::over(self, own)
     }
 
     fn reads_moment(&self) -> bool {

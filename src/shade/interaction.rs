@@ -316,6 +316,9 @@ impl<'a> Maps<'a> {
                 anisotropy = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
                 surface = coded.own().map(OwnSurface::surface);
             }
+            Surface::Scattering(index) => {
+                surface = scene.scatterings[*index as usize].own().map(OwnSurface::surface);
+            }
             Surface::OpenPbr(of) => anisotropy = of.specular_anisotropy.as_ref(),
             _ => {}
         }

@@ -3,8 +3,8 @@
 //! A random number decides at the hit whether a ray meets the surface. A ray that passes continues with its throughput,
 //! and its path counts no bounce. Shadow rays take such surfaces as opaque, because opacity is known only where hits
 //! are shaded. A ray that has passed is therefore treated like a mirrored one: light sampling could not have found what
-//! it finds, so what it finds has its full weight. Together both are unbiased, except that punctual lights, which rays
-//! cannot hit, do not shine through.
+//! it finds, so what it finds has its full weight. Together both are unbiased for lights that rays can hit. To punctual
+//! lights some paths go on as if the light were what they look for.
 
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, Lanes, Mask, Num};
@@ -19,6 +19,9 @@ const INFINITE: u32 = f32::INFINITY.to_bits();
 /// The first sampler dimension of passing. The dimensions below belong to integrators.
 const FIRST_DIMENSION: u32 = 1 << 31;
 
+/// Tells the dimension of following light from those of passing.
+const OF_LIGHT: u32 = 0x5bd1_e995;
+
 /// Lanes whose rays pass surfaces of this opacity. `depth` distinguishes the hits of one path on one triangle.
 #[cfg_attr(not(unoptimised), inline(always))]
 pub fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, depth: Int<L>, primitive: Int<L>) -> Mask<L> {
@@ -26,6 +29,13 @@ pub fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, depth: Int<L>, pr
     // triangle share a dimension, and their numbers are stratified.
     let dimension = mix_lanes(primitive ^ mix_lanes(depth)) | FIRST_DIMENSION;
     !sampler.one(dimension).lt(opacity)
+}
+
+/// Lanes whose paths follow the light that they have sampled, with this probability.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub fn follows_light<L: Lanes>(share: f32, sampler: &Sampler<L>, depth: Int<L>) -> Mask<L> {
+    let dimension = mix_lanes(depth ^ OF_LIGHT) | FIRST_DIMENSION;
+    sampler.one(dimension).lt(Num::splat(depth.lanes(), share))
 }
 
 /// The density to store with rays of density `pdf` that pass another surface, and the lanes that may pass one.

@@ -88,6 +88,7 @@ pub(super) fn outputs(code: &Code) -> Vec<u32> {
             Instruction::Compute { to, .. } | Instruction::Element { to, .. } => vec![*to],
             Instruction::Call { results, .. }
             | Instruction::LookUp { results, .. }
+            | Instruction::Finish { results, .. }
             | Instruction::Host { results, .. } => {
                 code.lists[results.start as usize..results.end as usize].to_vec()
             }
@@ -132,7 +133,8 @@ fn natives(code: &Code) -> Vec<(Native, Code)> {
         let (handle, _) = named.expect("the prelude has its functions");
         let Source { module, info, text } = &source;
         let base = Base::Refused;
-        let input = Input { module, info, overrides: &overrides, natives: false, text, host: None, base };
+        let (host, finishes) = (None, None);
+        let input = Input { module, info, overrides: &overrides, natives: false, text, host, base, finishes };
         let lowered = lower(input, handle).expect("the prelude can be lowered");
         (native, lowered.code)
     };
@@ -314,7 +316,7 @@ impl<'c> Writer<'c> {
             }
             Instruction::Skip { .. } => {}
             Instruction::Host { function, .. } => unreachable!("`{}` in a surface", function.name()),
-            Instruction::LookUp { .. } => unreachable!("refused before"),
+            Instruction::LookUp { .. } | Instruction::Finish { .. } => unreachable!("refused before"),
         }
     }
 }

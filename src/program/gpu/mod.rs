@@ -37,6 +37,9 @@ pub enum GpuProgramError {
     /// The shader asks for the finish of its material, whose textures devices do not have.
     #[error("devices do not compute `base`, the finish of a material with its textures")]
     Base,
+    /// The shader calls the native BSDF of a finish, or lies under the native clear coat.
+    #[error("devices do not compute native BSDFs and clear coats")]
+    NativeBsdf,
     /// The shader looks up pictures, which devices do not have.
     #[error("devices do not look up pictures")]
     Pictures,
@@ -121,6 +124,12 @@ impl GpuProgram {
     /// # Errors
     /// When the device cannot compute the BSDF, or not with the host's bits.
     pub fn of_bsdf(gpu: &Arc<Gpu>, shader: &BsdfShader) -> Result<Self, GpuProgramError> {
+        if shader.asks_base() {
+            return Err(GpuProgramError::Base);
+        }
+        if shader.is_coated() {
+            return Err(GpuProgramError::NativeBsdf);
+        }
         let program = shader.program().map_err(|error| GpuProgramError::Kernel(error.to_string()))?;
         Self::of(gpu, program)
     }
@@ -128,6 +137,9 @@ impl GpuProgram {
     fn of(gpu: &Arc<Gpu>, program: Program) -> Result<Self, GpuProgramError> {
         if program.code.reads_pictures() {
             return Err(GpuProgramError::Pictures);
+        }
+        if program.code.calls_finishes() {
+            return Err(GpuProgramError::NativeBsdf);
         }
         let make = |flushes: bool| {
             let kernel = Kernel::new(&program, flushes).map_err(GpuProgramError::Kernel)?;

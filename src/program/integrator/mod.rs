@@ -389,7 +389,7 @@ impl Loader<'_> {
     fn input<'a>(&'a self, host: Option<HostInput<'a>>) -> Input<'a> {
         let Source { module, info, text } = &self.loaded.source;
         let overrides = &self.loaded.overrides;
-        Input { module, info, overrides, natives: true, text, host, base: Base::Refused }
+        Input { module, info, overrides, natives: true, text, host, base: Base::Refused, finishes: None }
     }
 
     fn lowered(

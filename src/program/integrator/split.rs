@@ -462,6 +462,7 @@ impl Walk<'_, '_> {
                 self.code.instructions.push(Instruction::Call { native, operands, results });
             }
             Instruction::LookUp { .. } => unreachable!("an integrator looks up no pictures"),
+            Instruction::Finish { .. } => unreachable!("an integrator has no finish"),
             Instruction::Element { columns, index, to } => {
                 let columns = self.list(old.list(columns));
                 let (index, to) = (self.operand(*index), *to);

@@ -31,8 +31,8 @@ impl Lowerer<'_> {
         if matches!(self.input.base, Base::Refused) {
             return Err(Fault::new(
                 Span::UNDEFINED,
-                "`base` is the finish of a material in whose place a pattern stands; there is none here",
-                "call it in `pattern`",
+                "`base` is the finish of a material in whose place a pattern or a BSDF stands; there is none here",
+                "call it in `pattern` or `prepare`",
             ));
         }
         let point = match values.first() {
@@ -43,8 +43,8 @@ impl Lowerer<'_> {
         if !given.map(|&(_, register)| Scalar::Column(register)).eq(point.iter().copied()) {
             return Err(Fault::new(
                 Span::UNDEFINED,
-                "`base` asks for another point than the pattern's",
-                "hand on the argument of `pattern` as it is",
+                "`base` asks for another point than the shader's",
+                "hand on the argument of `pattern` or `prepare` as it is",
             ));
         }
         self.asks_base = true;

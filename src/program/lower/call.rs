@@ -6,6 +6,7 @@ use super::scope::Scopes;
 use super::shape::unsupported;
 use super::{Frame, Lowerer, Scalar, Value};
 use crate::program::code::{Instruction, Register};
+use crate::program::finish_call::FinishFunction;
 use crate::program::integrator::HostFunction;
 use crate::program::native::Native;
 use crate::program::parameter;
@@ -83,6 +84,9 @@ impl Lowerer<'_> {
         }
         if picture::FUNCTIONS.contains(&name) {
             return self.call_image(&values);
+        }
+        if let Some(function) = FinishFunction::named(name) {
+            return self.call_finish(function, &values);
         }
         match (native, host) {
             (Some(native), _) => Ok(self.call_native(native, &values)),

@@ -11,6 +11,7 @@
 mod base;
 mod call;
 mod expression;
+mod finish_call;
 mod flow;
 mod host;
 mod math;
@@ -22,8 +23,10 @@ mod unroll;
 mod variable;
 
 use super::code::{Code, Instruction, Register};
+use super::finish_call::FinishPlace;
 use super::operation::Operation;
 use super::source::{Fault, SourceText};
+use crate::scene::BlockColumns;
 pub(super) use base::Base;
 use host::Asked;
 pub(super) use host::{Counts, HostInput};
@@ -130,6 +133,8 @@ pub(super) struct Input<'m> {
     pub host: Option<HostInput<'m>>,
     /// Meaning of `base`.
     pub base: Base<'m>,
+    /// Translation of calls of native BSDFs; `None` in shaders that are no BSDFs.
+    pub finishes: Option<FinishPlace>,
 }
 
 /// Facts about a scalar of the result.
@@ -179,6 +184,10 @@ struct Lowerer<'m> {
     asked: Vec<Asked>,
     /// True if `base` is called.
     asks_base: bool,
+    /// True if a native BSDF that transmits light is called.
+    scatters_through: bool,
+    /// Scalars of arguments that were made inputs.
+    given: u32,
 }
 
 /// A lowered function before its instructions are optimised.
@@ -192,6 +201,8 @@ pub(super) struct Lowered {
     pub counts: Counts,
     /// True if it asks for the finish of its material.
     pub asks_base: bool,
+    /// True if it calls a native BSDF that transmits light.
+    pub scatters_through: bool,
 }
 
 impl Lowered {
@@ -210,12 +221,13 @@ pub(super) fn lower(input: Input<'_>, function: Handle<Function>) -> Result<Lowe
 }
 
 /// [`lower`] for functions that are called one after the other: the result of each is the first argument of the next.
-/// The inputs are the arguments of the first function, then what the others take besides.
+/// The inputs are the arguments of the first function, the finish of the material if `base` is no error, then what the
+/// others take besides.
 ///
 /// # Errors
 /// When a function uses what programs lack, or they are too long.
-pub(super) fn lower_chain(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Code, Fault> {
-    Ok(lowered(input, functions)?.optimised().code)
+pub(super) fn lower_chain(input: Input<'_>, functions: &[Handle<Function>]) -> Result<Lowered, Fault> {
+    Ok(lowered(input, functions)?.optimised())
 }
 
 /// Lowers a function and two that take its result. The third takes the first `shared` arguments of the second, and the
@@ -250,6 +262,9 @@ pub(super) fn lowered(input: Input<'_>, functions: &[Handle<Function>]) -> Resul
     let (mut results, mut given) = (Rc::from([]), Vec::new());
     for &function in functions {
         (results, _) = lowerer.call_whole(function, given)?;
+        if !matches!(input.base, Base::Refused) {
+            lowerer.given = lowerer.given.max((BlockColumns::POINT + BlockColumns::FINISH) as u32);
+        }
         given = vec![Value::Scalars(Rc::clone(&results))];
     }
     Ok(lowerer.finish(&results))
@@ -280,6 +295,8 @@ impl<'m> Lowerer<'m> {
             counts: Counts::default(),
             asked: Vec::new(),
             asks_base: false,
+            scatters_through: false,
+            given: 0,
         };
         lowerer.waiting = lowerer.register();
         let waiting = lowerer.waiting;
@@ -317,10 +334,10 @@ impl<'m> Lowerer<'m> {
             })
             .collect();
         self.code.outputs = results.iter().map(|&scalar| self.column(scalar)).collect();
-        let Lowerer { mut code, constants, counts, waiting, asks_base, .. } = self;
+        let Lowerer { mut code, constants, counts, waiting, asks_base, scatters_through, .. } = self;
         code.constants = constants.into_iter().map(|(word, register)| (register, word)).collect();
         code.constants.sort_unstable();
-        Lowered { code, outputs, waiting, counts, asks_base }
+        Lowered { code, outputs, waiting, counts, asks_base, scatters_through }
     }
 
     /// The arguments of a function: those that are given, then inputs; and what the last one points to.
@@ -351,7 +368,8 @@ impl<'m> Lowerer<'m> {
     /// The next input.
     fn input_scalar(&mut self) -> Scalar {
         let register = self.register();
-        self.code.inputs.push((self.code.inputs.len() as u32, register));
+        self.code.inputs.push((self.given, register));
+        self.given += 1;
         Scalar::Column(register)
     }
 

@@ -1,12 +1,23 @@
-//! Functions as people write them for WGSL elsewhere: each section of `corpus.wgsl` is a file, unchanged.
+//! Functions and whole shaders as people write them for WGSL elsewhere: each section of `corpus.wgsl` and
+//! `published.wgsl` is a file, unchanged but for its entry point.
 
 use super::patterns::finish_at;
 use crate::program::PatternShader;
 
 #[test]
 fn functions_written_for_wgsl_elsewhere_compile_and_give_numbers() {
-    let sections: Vec<&str> = include_str!("corpus.wgsl").split("//> ").skip(1).collect();
-    assert!(sections.len() >= 60, "{}", sections.len());
+    compile_and_give_numbers(include_str!("corpus.wgsl"), 60);
+}
+
+#[test]
+fn shaders_written_for_wgsl_elsewhere_compile_and_give_numbers() {
+    compile_and_give_numbers(include_str!("published.wgsl"), 12);
+}
+
+/// Computes the expressions of at least some number of sections.
+fn compile_and_give_numbers(text: &str, least: usize) {
+    let sections: Vec<&str> = text.split("//> ").skip(1).collect();
+    assert!(sections.len() >= least, "{}", sections.len());
     for section in sections {
         let (title, text) = section.split_once('\n').unwrap_or((section, ""));
         let (name, expression) = title.split_once(": ").expect("a name and an expression");

@@ -356,6 +356,7 @@ pub(super) fn lowered(source: &Source, text: &str) -> Code {
         text: &source.text,
         host: None,
         base: Base::Refused,
+        finishes: None,
     };
     lower(input, test_function(source).0).unwrap_or_else(|fault| panic!("{fault:?}\n{text}")).code
 }

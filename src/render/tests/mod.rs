@@ -6,6 +6,8 @@ mod bases;
 mod dispersion;
 mod dropped;
 mod filters;
+#[cfg(feature = "wgsl")]
+mod finish_calls;
 pub mod harness;
 mod layers;
 mod parts;

@@ -5,7 +5,8 @@ use super::scenes::*;
 use crate::lanes::{Lanes, Num, SimdLevel, Vector};
 use crate::render::{PathTracer, Settings, Whitted};
 use crate::scene::{
-    Effects, Environment, Finish, Material, Object, Points, Procedural, ProceduralSurface, Scene, Surface,
+    Effects, Environment, Finish, Light, LightShape, Material, Object, Points, Procedural, ProceduralSurface,
+    Scene, Surface,
 };
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
@@ -198,6 +199,45 @@ fn gauze_that_absorbs_nothing_vanishes_in_a_white_furnace() {
     assert!((found - 1.0).abs().max_element() < 5e-3, "{found}");
 }
 
+/// Lights without extent over the floor.
+fn spots(scene: &mut Scene) {
+    let mut add = |intensity: f32, shape| {
+        scene.lights.push(Light { name: "light".into(), intensity: Vec3::splat(intensity), shape });
+    };
+    add(20.0, LightShape::Point { position: Vec3::new(0.5, 4.5, 1.0) });
+    add(1.0, LightShape::Directional { direction: Vec3::new(0.3, -1.0, -0.4).normalize() });
+}
+
+#[test]
+fn punctual_lights_shine_through_gauze_in_proportion() {
+    let mut bare = floor(0.0);
+    spots(&mut bare);
+    let settings = Settings { spp: 2048, max_bounces: 0, ..SETTINGS };
+    let expected = mean(&bare, settings);
+    // Two layers between the lights and all else; the camera sees them from their dark side.
+    let covered = |opacity: f32| {
+        let mut scene = bare.clone();
+        let gauze = coded(&mut scene, Gauze { opacity, albedo: 0.0 });
+        for height in [3.5, 3.6] {
+            add_quad(&mut scene, Vec3::new(-30.0, height, 30.0), Vec3::X * 60.0, Vec3::Z * -60.0, gauze);
+        }
+        scene
+    };
+    for opacity in [0.25, 0.6] {
+        let found = mean(&covered(opacity), settings);
+        assert_near(found, expected * (1.0 - opacity).powi(2), 0.04, "light through two layers");
+    }
+    assert!(mean(&covered(1.0), settings).max_element() < 1e-6);
+    // Paths that follow light leave out what others see, which counts for more.
+    let settings = Settings { max_bounces: 3, ..settings };
+    let mut beside = bare.clone();
+    let away = coded(&mut beside, Gauze { opacity: 0.5, albedo: 0.0 });
+    add_quad(&mut beside, Vec3::new(0.0, 0.0, -3.5), Vec3::X * 0.5, Vec3::Y * 0.5, away);
+    let [alone, split] = [mean(&bare, settings), mean(&beside, settings)];
+    assert_ne!(alone, split);
+    assert_near(split, alone, 0.02, "beside a surface that is out of the way");
+}
+
 /// Uses every field.
 #[derive(Debug)]
 struct Everything;
@@ -253,6 +293,7 @@ fn the_bytes_are_the_same_with_every_instruction_set_and_batch() {
     scene.mesh.materials.iter_mut().skip(4).step_by(3).for_each(|of| *of = material);
     let object = scene.objects.add(Object::new("thing"));
     scene.objects.assign(6, object);
+    spots(&mut scene);
     scene.mesh.uvs.iter_mut().for_each(|uv| *uv = *uv * 0.7 + Vec2::splat(0.2));
     assert!(first > 0);
     let scene = Arc::new(scene);

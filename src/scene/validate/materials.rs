@@ -57,7 +57,11 @@ impl Scene {
                 }
                 check_effects(part, *surface.effects())
             }
-            Surface::Scattering(i) => index("scattering surface", *i, self.scatterings.len()),
+            Surface::Scattering(i) => {
+                index("scattering surface", *i, self.scatterings.len())?;
+                let own = self.scatterings[*i as usize].own();
+                own.map_or(Ok(()), |own| self.check_principled(part, own.surface()))
+            }
             Surface::Mix(i) => index("mix", *i, self.mixes.len()),
         }
     }

@@ -7,6 +7,7 @@
 mod albedo;
 mod anisotropic_albedo;
 mod boundary;
+mod clear_coat;
 mod coat;
 mod coat_stack;
 mod dielectric;
@@ -19,6 +20,7 @@ mod iridescence;
 mod lobes;
 mod matte;
 mod mirror;
+mod of_finish;
 mod openpbr;
 mod outlined;
 mod principled;
@@ -32,9 +34,11 @@ mod transmission_albedo;
 mod transparency;
 
 pub use albedo::MIN_ROUGHNESS;
+pub use clear_coat::ClearCoat;
 pub use dielectric::Dielectric;
 pub use matte::Matte;
 pub use mirror::Mirror;
+pub use of_finish::FinishBsdf;
 pub use openpbr::OpenPbr;
 pub use principled::Principled;
 pub use scattering::Scattering;

@@ -70,7 +70,7 @@ fn shipped_shaders_are_valid_and_list_their_parameters() {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a pattern of") && text.contains(parameter), "{text}");
     }
-    for name in ["dust", "velvet"] {
+    for name in ["dust", "velvet", "pearl", "dusty"] {
         let text = run(folder.path(), &["shaders", "check", &shipped(&format!("shaders/{name}.wgsl"))], 0);
         assert!(text.contains("a BSDF of") && text.contains("vec3f"), "{text}");
     }
@@ -414,6 +414,66 @@ fn wait_until(what: &str, process: &mut Running, mut holds: impl FnMut() -> bool
         assert!(process.0.try_wait().expect("a child").is_none(), "it ended before {what}");
         assert!(began.elapsed().as_secs() < 120, "{what}: not within two minutes");
         std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn imports_are_read_beside_the_shader_and_nowhere_else() {
+    let folder = folder();
+    let folder = folder.path();
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        std::fs::write(path, text).expect("written");
+    };
+    let recipe = |shader: &str| {
+        let named = format!(r#""surface": {{ "shader": "{shader}", "size": 0.3 }}"#);
+        RECIPE.replace(r#""surface": "spots.wgsl", "options": { "size": 0.3 }"#, &named)
+    };
+    write("whole.json", &recipe("whole.wgsl"));
+    write("parts.json", &recipe("shaders/parts.wgsl"));
+    write("whole.wgsl", SPOTS);
+    let parts = SPOTS.replace("override size: f32;\n", "#import \"lib/spot.wgsl\"\n");
+    let parts = parts.replace("noise(at.position / size) > 0.5", "is_spot(at.position)");
+    write("shaders/parts.wgsl", &parts);
+    let spot = "#import \"size.wgsl\"\nfn is_spot(p: vec3f) -> bool { return noise(p / size) > 0.5; }\n";
+    write("shaders/lib/spot.wgsl", spot);
+    write("shaders/lib/size.wgsl", "override size: f32;\n");
+    let expected = hash(folder, "whole.json", &[]);
+    assert_eq!(hash(folder, "parts.json", &[]), expected);
+    assert_eq!(hash(folder, "whole.json", &["--surface", "ball=shaders/parts.wgsl,size=0.3"]), expected);
+    let told = run(folder, &["shaders", "check", "shaders/parts.wgsl"], 0);
+    assert!(told.contains("size: f32, must be set"), "{told}");
+    // An integrator, too.
+    let mirrors = "fn hit(at: Hit, p: Payload) -> vec3f { return SHADE; }\n\
+        fn miss(direction: vec3f, p: Payload) -> vec3f { return vec3f(0.0); }\n";
+    write("shaders/flat.wgsl", &format!("#import \"lib/shade.wgsl\"\n{mirrors}"));
+    write("shaders/lib/shade.wgsl", "const SHADE = vec3f(0.5);\n");
+    write("flat.wgsl", &format!("const SHADE = vec3f(0.5);\n{mirrors}"));
+    let by = |file: &str| hash(folder, "whole.json", &["--integrator", file]);
+    assert_eq!(by("shaders/flat.wgsl"), by("flat.wgsl"));
+    // What is imported is part of the picture.
+    write("shaders/lib/spot.wgsl", &spot.replace("0.5", "0.4"));
+    assert_ne!(hash(folder, "parts.json", &[]), expected);
+    write("shaders/lib/spot.wgsl", &spot.replace("noise(", "nose("));
+    let render = ["render", "parts.json", "-o", "p.png"];
+    let error = run(folder, &render, 2);
+    assert!(error.contains("shaders/lib/spot.wgsl:2:39") && error.contains("`noise` is near"), "{error}");
+    std::fs::remove_file(folder.join("shaders/lib/spot.wgsl")).expect("removed");
+    let error = run(folder, &render, 2);
+    assert!(
+        error.contains("`lib/spot.wgsl` cannot be imported") && error.contains("parts.wgsl:1:1"),
+        "{error}"
+    );
+    #[cfg(unix)]
+    for (to, says) in
+        [("../../whole.wgsl", "out of the shader's folder"), ("/dev/zero", "out of the shader's folder")]
+    {
+        let link = folder.join("shaders/lib/spot.wgsl");
+        std::os::unix::fs::symlink(to, &link).expect("a link");
+        let error = run(folder, &render, 2);
+        assert!(error.contains(says), "{error}");
+        std::fs::remove_file(&link).expect("removed");
     }
 }
 

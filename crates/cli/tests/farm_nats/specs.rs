@@ -39,13 +39,17 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
     fs::copy(shipped("cornell.json"), folder.join("box.json")).expect("a scene");
     fs::copy(shipped("shaders/dust.wgsl"), folder.join("dust.wgsl")).expect("a shader");
     fs::copy(shipped("shaders/whitted.wgsl"), folder.join("rooms.wgsl")).expect("a shader");
-    let tiled = "var tiles: texture_2d<f32>;
+    let tiled = "#import \"lib/tile.wgsl\"
         fn pattern(at: Point) -> Finish {
             var tiled = base(at);
-            tiled.colour *= image(tiles, at.position.xz * 0.01).rgb;
+            tiled.colour *= tile(at.position.xz);
             return tiled;
         }";
     fs::write(folder.join("tiled.wgsl"), tiled).expect("a shader");
+    let tile = "var tiles: texture_2d<f32>;
+        fn tile(place: vec2f) -> vec3f { return image(tiles, place * 0.01).rgb; }";
+    fs::create_dir(folder.join("lib")).expect("a folder");
+    fs::write(folder.join("lib/tile.wgsl"), tile).expect("a shader");
     let pulse = "fn pattern(at: Point) -> Finish {
             var pulse = matte(at);
             pulse.colour = vec3f(at.time, 0.1 * f32(at.frame), 0.5);
@@ -67,6 +71,7 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
         "box.json",
         "dust.wgsl",
         "tiled.wgsl",
+        "lib/tile.wgsl",
         "pulse.wgsl",
         "tiles.tga",
         "rooms.wgsl",

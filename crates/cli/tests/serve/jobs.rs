@@ -237,8 +237,17 @@ fn the_commands_send_scenes_and_fetch_pictures() {
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), text, errors)
     };
-    let (code, text, errors) =
-        run(&["submit", scene.to_str().expect("UTF-8"), "--size", "16x8", "--spp", "4", "--eye", "-1,0,4"]);
+    // A shader that imports another file.
+    let paint = work.path().join("paint.wgsl");
+    std::fs::create_dir(work.path().join("lib")).expect("a folder");
+    std::fs::write(work.path().join("lib/red.wgsl"), "const RED = vec3f(0.8, 0.1, 0.1);\n")
+        .expect("a shader");
+    let text = "#import \"lib/red.wgsl\"\nfn pattern(at: Point) -> Finish {
+        var f = base(at); f.colour = RED; return f; }";
+    std::fs::write(&paint, text).expect("a shader");
+    let surface = format!("a={}", paint.display());
+    let options = ["--size", "16x8", "--spp", "4", "--eye", "-1,0,4", "--surface", &surface];
+    let (code, text, errors) = run(&[&["submit", scene.to_str().expect("UTF-8")], &options[..]].concat());
     assert_eq!(code, Some(0), "{errors}");
     let job: Value = serde_json::from_str(&text).expect("JSON");
     let id = job["id"].as_str().expect("an id");
@@ -246,7 +255,7 @@ fn the_commands_send_scenes_and_fetch_pictures() {
     let (code, _, errors) = run(&["fetch", id, "--wait", "-o", picture.to_str().expect("UTF-8")]);
     assert_eq!(code, Some(0), "{errors}");
     assert!(std::fs::read(&picture).expect("a picture").starts_with(&[0x76, 0x2f, 0x31, 0x01]));
-    let expected = rendered(&scene, &["--size", "16x8", "--spp", "4", "--eye", "-1,0,4"]);
+    let expected = rendered(&scene, &options);
     assert_eq!(service.hashes(id), [expected]);
     assert!(run(&["jobs"]).1.contains(id) && run(&["jobs", id]).1.contains("pictures"));
     let timeline = work.path().join("timeline.json");

@@ -134,6 +134,11 @@ fn hostile(data: &Path) -> Vec<(Vec<u8>, &'static str)> {
         "dirt": "../../../token.png" } } }, "shapes": [ { "shape": "sphere", "centre": [0, 0, 0], "radius": 1,
         "cells": 8, "material": "a" } ] }"#;
     let dirty = "var dirt: texture_2d<f32>; fn pattern(at: Point) -> Finish { return matte(at); }";
+    let own = foreign.replace("dirt", "unused").replace("../../../token.png", "1");
+    let own = own.replace("a.wgsl", "b/a.wgsl");
+    let outside =
+        "#import \"../a.wgsl\"\noverride unused: f32;\nfn pattern(at: Point) -> Finish { return matte(at); }";
+    let missing = outside.replace("../", "");
     let huge = r#"{ "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [ { "shape": "sphere",
         "centre": [0, 0, 0], "radius": 1, "cells": 1024, "material": "a" } ] }"#;
     vec![
@@ -141,6 +146,8 @@ fn hostile(data: &Path) -> Vec<(Vec<u8>, &'static str)> {
         (pack(&[("b/a.obj", &format!("mtllib {up}\n{triangle}"))]), "outside"),
         (pack(&[("a.obj", "nothing")]), "triangle"),
         (pack(&[("a.json", foreign), ("a.wgsl", dirty)]), "outside"),
+        (pack(&[("a.json", &own), ("b/a.wgsl", outside), ("a.wgsl", "")]), "imports no shader file"),
+        (pack(&[("a.json", &own), ("b/a.wgsl", &missing)]), "cannot be imported"),
         (huge.as_bytes().to_vec(), "memory"),
     ]
 }

@@ -56,6 +56,11 @@ impl Pack {
             files.insert(kept);
             Ok::<_, PackError>(name.into())
         })?;
+        let is_shader = |file: &&PathBuf| file.to_string_lossy().ends_with(shaders::EXTENSION);
+        let imports = files.iter().filter(is_shader).map(|file| shaders::imports_of(&folder.join(file)));
+        for import in imports.collect::<Result<Vec<_>>>()?.into_iter().flatten() {
+            files.insert(inside(&folder, &import)?);
+        }
         let is_single = files.len() == 1 && has_own_format(&entry);
         let bytes = if is_single { std::fs::read(folder.join(&entry))? } else { zip(&folder, &files)? };
         let sha256 = hex(&Sha256::digest(&bytes));
