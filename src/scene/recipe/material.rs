@@ -548,6 +548,22 @@ mod tests {
     }
 
     #[test]
+    fn openpbrs_surface_has_the_textures_too() {
+        let textured = r#"{ "texture": "leaf", "normal_texture": "bb", "roughness_texture": "ccc", "alpha": 0.5,
+            "metallic_texture": "ddddd", "emission_texture": "eeeeee", "openpbr": { "base-metalness": 0.5,
+            "specular-roughness": 1, "emission-luminance": 2, "geometry-opacity": 0.5 } }"#;
+        let material = material(textured).expect("valid");
+        let Surface::OpenPbr(surface) = material.surface else { panic!("OpenPBR") };
+        assert_eq!(surface.base_color.texture, Some(TextureRef::plain(4)));
+        assert_eq!(surface.specular_roughness.texture, Some((TextureRef::plain(3), Channel::G)));
+        assert_eq!(surface.base_metalness.texture, Some((TextureRef::plain(5), Channel::B)));
+        assert_eq!(material.normal_map, Some(NormalMap { texture: TextureRef::plain(2), scale: 1.0 }));
+        assert_eq!(material.emission.expect("a lamp").radiance.texture, Some(TextureRef::plain(6)));
+        let leaf = Some((TextureRef::plain(4), Channel::A));
+        assert_eq!((material.alpha.value.factor, material.alpha.value.texture), (0.25, leaf));
+    }
+
+    #[test]
     fn alpha_is_of_the_number_and_of_the_texture() {
         let alpha = |json: &str| material(json).expect("valid").alpha;
         let leaf = Some((TextureRef::plain(4), Channel::A));
