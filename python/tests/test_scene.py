@@ -250,7 +250,7 @@ class Mistakes(unittest.TestCase):
         broken[2, 1] = np.inf
         flat = np.stack([np.eye(4), np.diag([1, 0, 1, 1])])
         for vertices, keywords, told in (
-            (SQUARE, {"name": "wall"}, 'object "wall": another object has this name'),
+            (SQUARE, {"name": "wall"}, 'object "wall": another object, or an instance, has this name'),
             (SQUARE, {"name": ""}, "needs a name"),
             (broken, {"name": "b"}, 'object "b": vertex 2 is at'),
             (SQUARE, {"name": "b", "faces": [[0, 1, 4]]}, "triangle 0 names vertex 4"),

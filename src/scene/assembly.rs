@@ -9,7 +9,7 @@ use crate::geom::{Bend, Placement};
 use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// A mesh of an [`Assembly`], with its name, its material and its places.
 #[derive(Clone, Debug)]
@@ -98,11 +98,21 @@ pub struct Assembly {
     pub(super) surface_requests: Vec<SurfaceRequest>,
     pub(super) warnings: Vec<String>,
     parts: Vec<Part>,
-    names: HashSet<String>,
+    /// The names of parts, and whether those have several instances.
+    names: HashMap<String, bool>,
+    /// The names before the numbers of parts that are called as an instance would be: X for X/0.
+    numbered: HashSet<String>,
+    material_names: HashSet<String>,
     /// That of all instances.
     size: MeshSize,
     /// Bytes of instances beside the mesh.
     instance_bytes: u64,
+}
+
+/// What stands before /NUMBER in a name that ends so.
+fn before_number(name: &str) -> Option<&str> {
+    let (before, number) = name.rsplit_once('/')?;
+    number.parse::<u32>().is_ok().then_some(before)
 }
 
 impl Assembly {
@@ -132,7 +142,9 @@ impl Assembly {
         let [textures, images, materials, requests, warnings] = to;
         self.textures.truncate(textures);
         self.images.truncate(images);
-        self.materials.truncate(materials);
+        for removed in self.materials.drain(materials..) {
+            self.material_names.remove(&removed.name);
+        }
         self.surface_requests.truncate(requests);
         self.warnings.truncate(warnings);
     }
@@ -162,6 +174,7 @@ impl Assembly {
     /// If another material has its name, or it is "default".
     pub fn add_material(&mut self, material: Material) -> Result<u32, AssemblyError> {
         self.check_material(&material.name)?;
+        self.material_names.insert(material.name.clone());
         self.materials.push(material);
         Ok(self.materials.len() as u32 - 1)
     }
@@ -171,9 +184,7 @@ impl Assembly {
         let problem = match name {
             "" => "a material needs a name",
             DEFAULT => "that is the name of the material of objects without one; choose another",
-            _ if self.materials.iter().any(|other| other.name == name) => {
-                "another material has this name; choose another"
-            }
+            _ if self.material_names.contains(name) => "another material has this name; choose another",
             _ => return Ok(()),
         };
         Err(AssemblyError::Material { material: name.into(), problem: problem.into() })
@@ -206,7 +217,8 @@ impl Assembly {
         }
         MemoryBudget::of_machine().check(whole.to_string(), whole.bytes().saturating_add(instance_bytes))?;
         (self.size, self.instance_bytes) = (whole, instance_bytes);
-        self.names.insert(part.name.clone());
+        self.names.insert(part.name.clone(), instances > 1);
+        self.numbered.extend(before_number(&part.name).map(String::from));
         self.parts.push(part);
         Ok(())
     }
@@ -217,8 +229,12 @@ impl Assembly {
         if name.is_empty() {
             return Err("an object needs a name".into());
         }
-        if self.names.contains(name) {
-            return Err("another object has this name; choose another".into());
+        let is_instance = before_number(name).is_some_and(|of| self.names.get(of) == Some(&true));
+        if self.names.contains_key(name)
+            || is_instance
+            || transforms.len() > 1 && self.numbered.contains(name)
+        {
+            return Err("another object, or an instance, has this name; choose another".into());
         }
         mesh.check_colours().and_then(|()| mesh.validate(1)).map_err(|error| match error {
             MeshError::Empty => "it has no triangles".into(),
@@ -288,6 +304,8 @@ impl Assembly {
                 for part in parts {
                     self.write_out(part, &mut mesh, &mut objects, &mut shapes)?;
                 }
+                // Shapes are in the order of their first triangles.
+                shapes.sort_by_key(|shape: &Shape| shape.instances[0].first);
                 scene.mesh = mesh.into();
             }
         }
@@ -312,13 +330,12 @@ impl Assembly {
         if self.parts.iter().any(|part| part.material.is_none()) {
             materials.push(Material::fallback());
         }
-        for (number, material) in materials.iter_mut().enumerate() {
-            let own = self.parts.iter().filter(|part| self.number_of(part) as usize == number);
-            let colours: Vec<&[Vec4]> =
-                own.map(|part| &*part.mesh.colours).filter(|colours| !colours.is_empty()).collect();
-            if colours.is_empty() {
-                continue;
-            }
+        let mut colours: BTreeMap<usize, Vec<&[Vec4]>> = BTreeMap::new();
+        for part in self.parts.iter().filter(|part| !part.mesh.colours.is_empty()) {
+            colours.entry(self.number_of(part) as usize).or_default().push(&part.mesh.colours);
+        }
+        for (number, colours) in colours {
+            let material = &mut materials[number];
             if number == self.materials.len() {
                 *material = Material::vertex_coloured();
             }
@@ -370,8 +387,6 @@ impl Assembly {
                 shapes.push(Shape { positions: part.mesh.positions.clone(), triangles, instances });
             }
         }
-        // Shapes are in the order of their first triangles.
-        shapes.sort_by_key(|shape| shape.instances[0].first);
         Ok(())
     }
 
@@ -447,7 +462,9 @@ fn oriented(triangles: &[[u32; 3]], base: u32, mirrors: bool) -> impl Iterator<I
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{AlphaMode, Colour, NormalMap, Surface, TextureRef};
+    use crate::scene::{
+        AlphaMode, Channel, Colour, NormalMap, OpenPbr, Principled, Scalar, Surface, TextureRef,
+    };
     use glam::DVec3;
 
     fn square() -> TriangleMesh {
@@ -551,7 +568,7 @@ mod tests {
         let a = &mut assembly;
         assert_eq!(
             told(a, Part::new("a", square())),
-            r#"object "a": another object has this name; choose another"#
+            r#"object "a": another object, or an instance, has this name; choose another"#
         );
         assert!(told(a, Part::new("", square())).contains("needs a name"));
         let mut broken = square();
@@ -561,6 +578,11 @@ mod tests {
         broken.triangles[1][2] = 9;
         assert!(told(a, Part::new("b", broken)).contains("triangle 1 names vertex 9"));
         assert!(told(a, Part::new("b", TriangleMesh::default())).contains("has no triangles"));
+        let pair = vec![DMat4::IDENTITY; 2];
+        a.add(Part::new("c/0", square())).expect("a name of its own");
+        assert!(told(a, Part { transforms: pair.clone(), ..Part::new("c", square()) }).contains("this name"));
+        a.add(Part { transforms: pair, ..Part::new("d", square()) }).expect("two instances");
+        assert!(told(a, Part::new("d/1", square())).contains("this name"));
         let flat = vec![DMat4::IDENTITY, DMat4::from_scale(DVec3::new(1.0, 0.0, 1.0))];
         assert!(
             told(a, Part { transforms: flat, ..Part::new("b", square()) })
@@ -588,10 +610,15 @@ mod tests {
         for name in ["bumpy", "default", ""] {
             assert!(a.add_material(Material::matte(name, Vec3::X)).is_err(), "{name}");
         }
+        let rough = Scalar { texture: Some((place, Channel::G)), ..Scalar::constant(1.0) };
+        let surface = Surface::OpenPbr(OpenPbr { specular_roughness: rough, ..OpenPbr::default() });
+        let own = a.add_material(Material { surface, ..Material::matte("open", Vec3::X) }).expect("a name");
+        let problem = told(a, Part { material: Some(own), ..Part::new("b", plain.clone()) });
+        assert!(problem.contains("the specular-roughness texture of its material"), "{problem}");
         let more_uvs = vec![plain.uvs.clone()];
         a.add(Part { material: Some(bumpy), ..Part::new("b", TriangleMesh { more_uvs, ..plain }) })
             .expect("two sets");
-        assert_eq!(build(a).expect("a scene").objects.len(), 2, "what was refused is not there");
+        assert_eq!(build(a).expect("a scene").objects.len(), 5, "what was refused is not there");
         let far =
             vec![DMat4::from_translation(DVec3::splat(1e11)), DMat4::from_translation(DVec3::splat(9.0e10))];
         let mut huge = square();
@@ -601,5 +628,23 @@ mod tests {
         assert!(problem.starts_with(r#"object "far": instance 0, in the world: vertex 3"#), "{problem}");
         let memory = a.build(MemoryBudget::of_bytes(100)).expect_err("too little");
         assert!(matches!(memory, AssemblyError::Memory(_)), "{memory}");
+    }
+
+    #[test]
+    fn colours_of_vertices_multiply_every_base_colour() {
+        let openpbr = Surface::OpenPbr(OpenPbr::default());
+        let glossy = Surface::Principled(Principled::default());
+        for (surface, name) in [(openpbr, "OpenPBR"), (glossy, "principled")] {
+            let mut a = Assembly::default();
+            let material = a.add_material(Material { surface, ..Material::matte("m", Vec3::X) });
+            let mesh = TriangleMesh { colours: vec![Vec4::splat(0.5).with_w(1.0); 4], ..square() };
+            a.add(Part { material: material.ok(), ..Part::new("a", mesh) }).expect("sound");
+            let vertex = match &build(&a).expect("a scene").materials[0].surface {
+                Surface::OpenPbr(surface) => surface.base_color.vertex,
+                Surface::Principled(surface) => surface.base_colour.vertex,
+                _ => false,
+            };
+            assert!(vertex, "{name}");
+        }
     }
 }

@@ -2,8 +2,8 @@
 
 use super::fingerprint::{Encode, Encoder};
 use super::{
-    Colour, ColourSpace, Footprint, Material, Mipmap, OwnSurface, Principled, Scalar, Scene, Texture,
-    TextureRef, Wrap,
+    Colour, ColourSpace, Footprint, Material, Mipmap, OwnSurface, Principled, Scalar, Scene, Surface,
+    Texture, TextureRef, Wrap,
 };
 use crate::lanes::{Lanes, Num};
 
@@ -128,8 +128,12 @@ impl Material {
     /// set.
     pub(super) fn reads_beyond(&self, sets: usize) -> Option<(&'static str, u32)> {
         let surface = self.principled();
-        let set = |find: &Find| find(self, surface.as_ref()).map(|texture| texture.set);
-        let mut read = INPUTS.iter().filter_map(|(name, find)| Some((*name, set(find)?)));
+        let read = INPUTS.iter().filter_map(|(name, find)| Some((*name, find(self, surface.as_ref())?)));
+        let openpbr = match &self.surface {
+            Surface::OpenPbr(surface) => Some(surface.textures()),
+            _ => None,
+        };
+        let mut read = read.chain(openpbr.into_iter().flatten()).map(|(name, texture)| (name, texture.set));
         read.find(|(_, set)| *set as usize >= sets)
     }
 }

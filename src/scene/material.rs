@@ -184,6 +184,7 @@ impl Material {
         match &mut self.surface {
             Surface::Matte { reflectance } | Surface::Mirror { reflectance } => reflectance.vertex = true,
             Surface::Principled(surface) => surface.base_colour.vertex = true,
+            Surface::OpenPbr(surface) => surface.base_color.vertex = true,
             _ => {}
         }
     }

@@ -32,7 +32,9 @@ pub enum MaterialEditError {
     #[error("emission is 0 to {MAX_EDITED_RADIANCE}")]
     Emission,
     /// The surface has no base colour, roughness and metallic.
-    #[error("material {0:?} is computed by a shader, mixed or glass; only its emission can be edited")]
+    #[error(
+        "material {0:?} is computed by a shader, mixed, glass or OpenPBR's; only its emission can be edited"
+    )]
     Surface(String),
 }
 

@@ -1,6 +1,6 @@
 //! OpenPBR's surface.
 
-use super::{Anisotropy, Colour, Iridescence, Scalar, index_for_channel};
+use super::{Anisotropy, Colour, Iridescence, Scalar, TextureRef, index_for_channel};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +72,40 @@ pub struct OpenPbrFuzz {
     pub color: Colour,
     /// `fuzz_roughness`, 0..=1.
     pub roughness: Scalar,
+}
+
+impl OpenPbr {
+    /// The textures that its parameters read, with the parameters' names.
+    pub(super) fn textures(&self) -> impl Iterator<Item = (&'static str, TextureRef)> {
+        let of = |scalar: &Scalar| scalar.texture.map(|(texture, _)| texture);
+        let (coat, fuzz, film) = (self.coat.as_ref(), self.fuzz.as_ref(), self.thin_film.as_ref());
+        let grooves = self.specular_anisotropy.as_ref();
+        let read = [
+            ("base-weight", of(&self.base_weight)),
+            ("base-color", self.base_color.texture),
+            ("base-diffuse-roughness", of(&self.base_diffuse_roughness)),
+            ("base-metalness", of(&self.base_metalness)),
+            ("specular-weight", of(&self.specular_weight)),
+            ("specular-color", self.specular_color.texture),
+            ("specular-roughness", of(&self.specular_roughness)),
+            (
+                "specular-roughness-anisotropy",
+                grooves.and_then(|grooves| grooves.direction.or(of(&grooves.strength))),
+            ),
+            ("transmission-weight", of(&self.transmission_weight)),
+            ("transmission-color", self.transmission_color.texture),
+            ("coat-weight", coat.and_then(|coat| of(&coat.weight))),
+            ("coat-color", coat.and_then(|coat| coat.color.texture)),
+            ("coat-roughness", coat.and_then(|coat| of(&coat.roughness))),
+            ("coat-roughness-anisotropy", coat.and_then(|coat| of(&coat.anisotropy))),
+            ("fuzz-weight", fuzz.and_then(|fuzz| of(&fuzz.weight))),
+            ("fuzz-color", fuzz.and_then(|fuzz| fuzz.color.texture)),
+            ("fuzz-roughness", fuzz.and_then(|fuzz| of(&fuzz.roughness))),
+            ("thin-film-weight", film.and_then(|film| of(&film.strength))),
+            ("thin-film-thickness", film.and_then(|film| film.thickness_texture.map(|(texture, _)| texture))),
+        ];
+        read.into_iter().filter_map(|(name, texture)| Some((name, texture?)))
+    }
 }
 
 impl Default for OpenPbr {

@@ -40,8 +40,24 @@ impl Assembly {
     /// ```
     ///
     /// # Errors
-    /// For a number out of range, a texture that is not there, and as for [`Assembly::add_material`].
+    /// For a number out of range, a texture that is not there, and as for [`Assembly::add_material`]. Nothing is added
+    /// then.
     pub fn add_recipe(
+        &mut self,
+        name: &str,
+        recipe: &MaterialRecipe,
+        textures: &BTreeMap<String, TextureUse>,
+    ) -> Result<u32, AssemblyError> {
+        let before = self.lengths();
+        let added = self.try_add_recipe(name, recipe, textures);
+        if added.is_err() {
+            self.shorten(before);
+        }
+        added
+    }
+
+    /// [`Assembly::add_recipe`], which may leave textures behind when it fails.
+    fn try_add_recipe(
         &mut self,
         name: &str,
         recipe: &MaterialRecipe,

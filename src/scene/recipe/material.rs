@@ -288,6 +288,11 @@ impl MaterialRecipe {
         })
     }
 
+    /// True if alpha is given, apart from a texture's.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.coverage(None).mode != AlphaMode::Opaque
+    }
+
     /// Alpha, which the colour's texture multiplies.
     fn coverage(&self, colour: Option<MaterialTexture>) -> Alpha {
         let factor = self.alpha * self.openpbr.map_or(1.0, |openpbr| openpbr.geometry_opacity);

@@ -1,6 +1,6 @@
 //! Mixes of two materials.
 
-use super::{Absorption, Numbers, Recipe, RecipeError, material, within};
+use super::{Absorption, MaterialRecipe, Numbers, Recipe, RecipeError, material, within};
 use crate::memory::MemoryBudget;
 use crate::scene::{self, Channel, Material, Scalar, Scene, Surface, TextureRef};
 use glam::Vec3;
@@ -95,7 +95,7 @@ impl Recipe {
                 (_, Some(part)) => (part.emission.is_some(), part.absorption.is_some()),
                 (None, None) => return Err(unknown(name, "material", part)),
             };
-            if self.materials.get(part).is_some_and(|part| part.alpha < 1.0 || part.alpha_cutoff.is_some()) {
+            if self.materials.get(part).is_some_and(MaterialRecipe::has_alpha) {
                 return Err(wrong(name, format!("its part {part:?} has alpha; mixes are opaque")));
             }
             for (what, is_set) in [("emission", emission), ("absorption", absorption)] {
