@@ -72,3 +72,45 @@ fn what_openpbr_lacks_is_warned_of() {
         leaf.warnings
     );
 }
+
+#[test]
+fn reflection_tinted_above_1_becomes_weight() {
+    let surface = |ior: f32, specular: f32, colour: [f32; 3]| {
+        let surface = openpbr(json!({ "extensions": { "KHR_materials_ior": { "ior": ior },
+            "KHR_materials_specular": { "specularFactor": specular, "specularColorFactor": colour },
+            "KHR_materials_diffuse_roughness": { "diffuseRoughnessFactor": 0.5 } } }));
+        let [weight, ior] = [surface.specular_weight.factor, surface.specular_ior];
+        (weight, surface.specular_color.factor.to_array(), ior)
+    };
+    assert_eq!(surface(1.5, 0.5, [0.5, 0.25, 1.0]), (0.5, [0.5, 0.25, 1.0], 1.5));
+    assert_eq!(surface(1.5, 0.5, [1.0, 2.0, 4.0]), (2.0, [0.25, 0.5, 1.0], 1.5));
+    assert_eq!(surface(0.0, 1.0, [1.0; 3]), (25.0, [1.0; 3], 1.5), "all light is reflected");
+}
+
+#[test]
+fn clear_coats_with_normals_of_their_own_are_warned_of_beside_drafts() {
+    let warned = |normal: Option<f32>, coat: Option<f32>, drafts: &[&str]| {
+        let mut document = Document::triangle();
+        let texture = document.texture(1, &[[128, 128, 255, 255]]);
+        let map = |scale: f32| json!({ "index": texture, "scale": scale });
+        let mut material = json!({ "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": 1.0 } } });
+        if let Some(scale) = normal {
+            material["normalTexture"] = map(scale);
+        }
+        if let Some(scale) = coat {
+            material["extensions"]["KHR_materials_clearcoat"]["clearcoatNormalTexture"] = map(scale);
+        }
+        for draft in drafts {
+            material["extensions"][draft] = json!({});
+        }
+        document.material(material);
+        let scene = document.scene();
+        warns(&scene, &["clearcoatNormalTexture", "KHR_materials_fuzz", "the material's normals"])
+    };
+    let fuzz = ["KHR_materials_fuzz"];
+    assert!(!warned(None, None, &fuzz) && !warned(Some(0.5), Some(0.5), &fuzz), "the same normals");
+    assert!(warned(None, Some(0.5), &fuzz) && warned(Some(1.0), Some(0.5), &fuzz), "another map");
+    assert!(warned(Some(0.5), None, &fuzz), "even coats");
+    assert!(!warned(Some(0.5), None, &[]), "glTF's own surface has such coats");
+    assert!(!warned(None, Some(0.5), &["KHR_materials_fuzz", "KHR_materials_coat"]), "no clear coat");
+}

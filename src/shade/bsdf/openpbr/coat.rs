@@ -81,6 +81,12 @@ impl<L: Lanes> Coat<L> {
     /// Share that the coat reflects towards a direction.
     #[inline(always)]
     pub fn share(&self, curves: &Curves<L>, w: Vector<L>) -> Num<L> {
-        self.interface.share(curves, &self.facets, w).x * self.weight
+        let mut share = self.interface.share(curves, &self.facets, w).x;
+        let bent = self.interface.eta.below(1.0);
+        if bent.any() {
+            // The table blurs the step to total reflection. What it leaves out there must not pass.
+            share = Num::select(bent, share.max(self.interface.at(w.z).x), share);
+        }
+        share * self.weight
     }
 }

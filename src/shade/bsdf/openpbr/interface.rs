@@ -98,18 +98,21 @@ impl<L: Lanes> Interface<L> {
     /// Cosine-weighted mean over the hemisphere of the shares of a single bounce.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn mean(&self, curves: &Curves<L>, facets: &Facets<L>) -> Vector<L> {
-        if facets.rough.all() {
-            let table = FacetAlbedo::new(mean_roughness(facets));
-            return match curves {
-                Curves::Grey(curves) => Vector::grey(table.mean(curves)[0]),
-                Curves::Coloured(curves) => Vector::from_columns(table.mean(curves)),
-            };
-        }
         let mut mean = Vector::zero(self.eta.lanes());
-        for (share, [_, weight]) in self.shares(curves, facets).into_iter().zip(QUADRATURE) {
-            mean += share * weight;
+        if !facets.rough.all() {
+            for [z, weight] in QUADRATURE {
+                mean += self.at(Num::splat(self.eta.lanes(), z)) * weight;
+            }
         }
-        mean
+        if facets.rough.none() {
+            return mean;
+        }
+        let table = FacetAlbedo::new(mean_roughness(facets));
+        let rough = match curves {
+            Curves::Grey(curves) => Vector::grey(table.mean(curves)[0]),
+            Curves::Coloured(curves) => Vector::from_columns(table.mean(curves)),
+        };
+        Vector::select(facets.rough, rough, mean)
     }
 }
 

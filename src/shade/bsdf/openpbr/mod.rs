@@ -53,8 +53,8 @@ const GIVEN_BACK: f32 = 0.96;
 /// The same for anisotropic facets, whose tables are coarser.
 const GIVEN_BACK_ALONG: f32 = 0.85;
 
-/// Factor of the diffuse base under anisotropic facets, whose reflectances are those of isotropic ones in the same
-/// azimuth.
+/// Factor of the diffuse base under anisotropic facets, its own or the coat's, whose reflectances are those of isotropic
+/// ones in the same azimuth.
 const DIFFUSE_ALONG: f32 = 0.97;
 
 /// The greatest anisotropy.
@@ -170,6 +170,8 @@ impl<L: Lanes> OpenPbr<L> {
             };
             (Coat::of(&coat, smoothness.mirror_below), below)
         });
+        let is_along =
+            of.specular_anisotropy.is_some() || of.coat.is_some_and(|coat| coat.anisotropy.is_some());
         let fuzz = of
             .fuzz
             .map(|fuzz| Fuzz::new(share(fuzz.weight), fuzz.color.clamp(0.0, 1.0), share(fuzz.roughness)));
@@ -181,10 +183,10 @@ impl<L: Lanes> OpenPbr<L> {
             tint: of.specular_color.clamp(0.0, 1.0),
             diffuse: Eon { colour: base, roughness: share(of.base_diffuse_roughness) },
             opaque,
-            kept: match of.specular_anisotropy {
-                None => [GIVEN_BACK, 1.0],
-                Some(_) => [GIVEN_BACK_ALONG, DIFFUSE_ALONG],
-            },
+            kept: [
+                if of.specular_anisotropy.is_some() { GIVEN_BACK_ALONG } else { GIVEN_BACK },
+                if is_along { DIFFUSE_ALONG } else { 1.0 },
+            ],
             through,
             coat,
             fuzz,

@@ -11,6 +11,10 @@ use glam::Vec3;
 /// Factor of the lost light that a translucent base gets back: its table is coarser than that of reflection.
 const THROUGH_KEPT: f32 = 0.93;
 
+/// Way from the mean that the tables give to the greatest share, under a coat with an index below 1. The worst index,
+/// 0.98, needs 0.52.
+const BENT_COAT: f32 = 0.55;
+
 /// Shares of the layers towards a direction above the surface.
 #[derive(Clone, Copy)]
 pub struct Facing<L: Lanes> {
@@ -61,12 +65,17 @@ impl<L: Lanes> OpenPbr<L> {
                 .scaled(self.kept[0] * THROUGH_KEPT)
         });
         let mut passed = self.mean_passed(&base, &coat);
-        let (bent, roughness) = (self.interface.eta.below(1.0), self.diffuse.roughness);
-        if bent.any() | roughness.above(0.0).any() {
-            // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base
-            // gets less. So does a rough one, which sends more of its light where more passes.
+        // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base gets
+        // less. So does a rough one, which sends more of its light where more passes.
+        let roughness = self.diffuse.roughness;
+        let mut more = Num::select(self.interface.eta.below(1.0), roughness * 0.5 + 0.2, roughness * 0.2);
+        if let Some((coat, _)) = &self.coat {
+            let bent = coat.interface.eta.below(1.0) & coat.weight.above(0.0);
+            more = more.max((roughness * 0.5 + BENT_COAT).only(bent)).clamp(0.0, 1.0);
+        }
+        if more.above(0.0).any() {
             let most = self.facing(&base, &coat, Vector::splat(wo.lanes(), Vec3::Z)).passed;
-            passed = passed.lerp(most.max(passed), Num::select(bent, roughness * 0.5 + 0.2, roughness * 0.2));
+            passed = passed.lerp(most.max(passed), more);
         }
         View { passed, base, coat, near, strength, further }
     }

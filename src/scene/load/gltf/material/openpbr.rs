@@ -29,13 +29,16 @@ impl<'a> Converter<'a, '_> {
             self.warn(&format!("KHR_materials_diffuse_transmission has no effect beside {}", self.drafts()));
         }
         let one = Scalar::constant(1.0);
+        // A tint above 1 makes the dielectric reflect more. OpenPBR has that in the weight, and tints of at most 1.
+        let tint = of.specular_colour.factor.min(Vec3::splat(f32::MAX));
+        let most = tint.max_element().max(1.0);
         let mut surface = OpenPbr {
             base_weight: one,
             base_color: of.base_colour,
             base_diffuse_roughness: Scalar::constant(0.0),
             base_metalness: of.metallic,
-            specular_weight: of.specular,
-            specular_color: Colour { factor: of.specular_colour.factor.min(Vec3::ONE), ..of.specular_colour },
+            specular_weight: Scalar { factor: of.specular.factor * most, ..of.specular },
+            specular_color: Colour { factor: tint / most, ..of.specular_colour },
             specular_roughness: of.roughness,
             specular_anisotropy: None,
             specular_ior: of.ior,
@@ -56,6 +59,13 @@ impl<'a> Converter<'a, '_> {
             let (weight, roughness) = (of.clearcoat, of.clearcoat_roughness);
             surface.coat =
                 Some(OpenPbrCoat { weight, roughness, ior: 1.5, darkening: 0.0, ..OpenPbrCoat::default() });
+            if self.extension(COAT).is_none() && of.has_own_coat(self.normal_map()?.as_ref()) {
+                let lost = match of.coat_normal_map {
+                    Some(_) => "clearcoatNormalTexture is left out",
+                    None => "a clear coat without clearcoatNormalTexture is not even",
+                };
+                self.warn(&format!("{lost} beside {}: the coat has the material's normals", self.drafts()));
+            }
         }
         if let Some(extension) = self.extension(COAT) {
             surface.coat = self.coat(extension)?;

@@ -24,6 +24,7 @@ struct Numbers {
     coat: f32,
     coat_color: Vec3,
     coat_roughness: f32,
+    coat_anisotropy: f32,
     coat_ior: f32,
     coat_darkening: f32,
     fuzz: f32,
@@ -51,6 +52,7 @@ impl Default for Numbers {
             coat: 0.0,
             coat_color: Vec3::ONE,
             coat_roughness: 0.0,
+            coat_anisotropy: 0.0,
             coat_ior: 1.6,
             coat_darkening: 1.0,
             fuzz: 0.0,
@@ -68,43 +70,55 @@ impl Default for Numbers {
 impl Numbers {
     #[inline(always)]
     fn bsdf<L: Lanes>(&self, l: L) -> OpenPbr<L> {
-        let (x, v) = (|x: f32| Num::splat(l, x), |v: Vec3| Vector::splat(l, v));
-        let parameters = Parameters {
-            base: v(self.base),
-            base_diffuse_roughness: x(self.diffuse_roughness),
-            base_metalness: x(self.metalness),
-            specular_weight: x(self.specular_weight),
-            specular_color: v(self.specular_color),
-            specular_roughness: x(self.roughness),
-            specular_anisotropy: (self.anisotropy > 0.0).then_some(x(self.anisotropy)),
-            specular_ior: x(self.ior),
-            transmission: (self.transmission.0 > 0.0)
-                .then_some((x(self.transmission.0), v(self.transmission.1))),
-            coat: (self.coat > 0.0).then_some(CoatParameters {
-                weight: x(self.coat),
-                color: v(self.coat_color),
-                roughness: x(self.coat_roughness),
-                anisotropy: None,
-                ior: x(self.coat_ior),
-                darkening: x(self.coat_darkening),
-            }),
-            fuzz: (self.fuzz > 0.0).then_some(FuzzParameters {
-                weight: x(self.fuzz),
-                color: v(self.fuzz_color),
-                roughness: x(self.fuzz_roughness),
-            }),
-            film: (self.film > 0.0).then_some(FilmParameters {
-                weight: x(self.film),
-                thickness: x(self.film_thickness),
-                ior: x(self.film_ior),
-            }),
-            thin_walled: self.thin,
+        Self::lanes(l, std::slice::from_ref(self), 0)
+    }
+
+    /// The BSDF of the surfaces in turn, from number `first` on, one in each lane. It has the layers of all of them, as
+    /// a surface with textures has. All are thin walls if the first one is.
+    #[inline(always)]
+    fn lanes<L: Lanes>(l: L, all: &[Self], first: u32) -> OpenPbr<L> {
+        let x = |of: &dyn Fn(&Self) -> f32| {
+            let mut numbers = L::array(0.0);
+            for (k, number) in numbers.as_mut().iter_mut().enumerate() {
+                *number = of(&all[(first as usize + k) % all.len()]);
+            }
+            Num::from_array(l, &numbers)
         };
-        OpenPbr::of(
-            &parameters,
-            (Num::splat(l, 1.0)).above(if self.outside { 0.5 } else { 2.0 }),
-            Smoothness::EXACT,
-        )
+        let v = |of: fn(&Self) -> Vec3| Vector::new(x(&|n| of(n).x), x(&|n| of(n).y), x(&|n| of(n).z));
+        let any = |of: fn(&Self) -> f32| all.iter().any(|numbers| of(numbers) > 0.0);
+        let parameters = Parameters {
+            base: v(|n| n.base),
+            base_diffuse_roughness: x(&|n| n.diffuse_roughness),
+            base_metalness: x(&|n| n.metalness),
+            specular_weight: x(&|n| n.specular_weight),
+            specular_color: v(|n| n.specular_color),
+            specular_roughness: x(&|n| n.roughness),
+            specular_anisotropy: any(|n| n.anisotropy).then(|| x(&|n| n.anisotropy)),
+            specular_ior: x(&|n| n.ior),
+            transmission: any(|n| n.transmission.0)
+                .then(|| (x(&|n| n.transmission.0), v(|n| n.transmission.1))),
+            coat: any(|n| n.coat).then(|| CoatParameters {
+                weight: x(&|n| n.coat),
+                color: v(|n| n.coat_color),
+                roughness: x(&|n| n.coat_roughness),
+                anisotropy: any(|n| n.coat_anisotropy).then(|| x(&|n| n.coat_anisotropy)),
+                ior: x(&|n| n.coat_ior),
+                darkening: x(&|n| n.coat_darkening),
+            }),
+            fuzz: any(|n| n.fuzz).then(|| FuzzParameters {
+                weight: x(&|n| n.fuzz),
+                color: v(|n| n.fuzz_color),
+                roughness: x(&|n| n.fuzz_roughness),
+            }),
+            film: any(|n| n.film).then(|| FilmParameters {
+                weight: x(&|n| n.film),
+                thickness: x(&|n| n.film_thickness),
+                ior: x(&|n| n.film_ior),
+            }),
+            thin_walled: all[0].thin,
+        };
+        let outside = x(&|n| if n.outside { 1.0 } else { 0.0 }).above(0.5);
+        OpenPbr::of(&parameters, outside, Smoothness::EXACT)
     }
 }
 

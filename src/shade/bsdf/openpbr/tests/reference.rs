@@ -152,6 +152,7 @@ fn numbers(row: &HashMap<String, f32>) -> Numbers {
         coat: of("coat_weight"),
         coat_color: colour("coat_color"),
         coat_roughness: of("coat_roughness"),
+        coat_anisotropy: 0.0,
         coat_ior: of("coat_ior"),
         coat_darkening: of("coat_darkening"),
         fuzz: of("fuzz_weight"),
