@@ -11,18 +11,11 @@ use super::path_state::States;
 use super::{Contribution, NewRays, PathState};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::Scene;
 use crate::schedule::Output;
-use crate::shade::{Lights, pass_through};
+use crate::shade::pass_through;
 
 /// Share of the paths that follow light.
 const FOLLOWING: f32 = 0.25;
-
-/// True if punctual lights shine through surfaces of computed opacity.
-pub(super) fn lights_shine_through(scene: &Scene, lights: &Lights) -> bool {
-    let mut surfaces = scene.procedurals.iter();
-    !lights.punctual().is_empty() && surfaces.any(|surface| surface.effects().has_opacity)
-}
 
 /// Lanes whose rays follow light.
 #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
-use super::passing::{Following, Passing, are_of_light, have_passed, lights_shine_through};
+use super::passing::{Following, Passing, are_of_light, have_passed};
 use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, ends_of, hits_of, rays_of};
@@ -527,7 +527,7 @@ impl HitShader for PathShader {
         batch: Batch<'_, PathState>,
         out: &mut Output<'_, PathState, Contribution>,
     ) {
-        let follows_light = lights_shine_through(frame.scene(), frame.lights());
+        let follows_light = frame.lights().shine_through();
         frame.simd().run(Shading { shader: self, frame, batch, out, follows_light });
     }
 
