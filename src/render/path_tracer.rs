@@ -235,7 +235,8 @@ impl Shading<'_, '_> {
         let frame = self.frame;
         let (state, mut lanes) = (States::of(self.batch.payloads, ids), lanes);
         if self.follows_light {
-            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), state.throughput);
+            let light = self.shader.clamped(state.throughput, state.depth);
+            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), light);
             lanes &= !are_of_light(&state);
         }
         let mut direction = Vector::zero(ids.lanes());
