@@ -319,10 +319,11 @@ impl Shading<'_, '_> {
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         state.seeks = self.meet(&place, &state, lanes);
+        state.cone = cone;
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             (lanes, state.throughput) = self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
-        let state = States { facing: receiver.facing, cone, ..state };
+        let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
     }
 
