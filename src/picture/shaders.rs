@@ -3,7 +3,7 @@
 use super::picture_file::PictureFile;
 use super::plugin_options::Setting;
 use crate::memory::MemoryBudget;
-use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader, files_within, with_imports};
+use crate::program::{MAX_SOURCE_BYTES, Parameter, SurfaceShader, with_imports};
 use crate::scene::load::LoadOptions;
 use crate::scene::{BoundTexture, Scene, Surface, SurfaceRequest, TextureRef};
 use anyhow::{Context, Result, bail, ensure};
@@ -122,13 +122,10 @@ impl Applied {
         Self { file, material, materials, values, modified }
     }
 
-    /// Watches the files that a text holds, too.
-    fn watch_imports(&mut self, text: &str) {
-        for path in files_within(text) {
-            let file = self.file.with_file_name(path);
-            if !self.modified.iter().any(|(other, _)| *other == file) {
-                self.modified.push((file.clone(), modified(&file)));
-            }
+    /// Watches another file, too, which has not been read yet.
+    fn watch(&mut self, file: &Path) {
+        if !self.modified.iter().any(|(other, _)| other == file) {
+            self.modified.push((file.to_owned(), modified(file)));
         }
     }
 
@@ -254,8 +251,7 @@ impl<'a> Loader<'a> {
 
     /// Gives materials a shader.
     fn give(&mut self, scene: &mut Scene, shader: &mut Applied) -> Result<()> {
-        let text = read(&shader.file)?;
-        shader.watch_imports(&text);
+        let text = read_with(&shader.file.clone(), |file| shader.watch(file))?;
         let shader = &*shader;
         let shown = shader.file.display().to_string();
         // What the parameters are called is known only now.
@@ -337,25 +333,35 @@ fn alike(scene: &Scene, shader: &Applied, parameters: &[Parameter]) -> Vec<(usiz
 /// # Errors
 /// If a file cannot be read, is none or lies elsewhere, or an import is wrong.
 pub fn read(path: &Path) -> Result<String> {
+    read_with(path, |_| ())
+}
+
+/// [`read`], which tells `imports` of each file before it reads it.
+fn read_with(path: &Path, mut imports: impl FnMut(&Path)) -> Result<String> {
     let text = read_alone(path)?;
     let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
-    let mut import = |name: &str| imported(folder, name).map_err(|error| format!("{error:#}"));
+    let mut import = |name: &str| {
+        let file = path.with_file_name(name);
+        imports(&file);
+        imported(folder, &file).map_err(|error| format!("{error:#}"))
+    };
     Ok(with_imports(&path.display().to_string(), &text, &mut import)?)
 }
 
-/// The files that a shader file imports.
+/// The files that a shader file imports, without those that its text holds itself.
 ///
 /// # Errors
 /// Those of [`read`].
 pub fn imports_of(path: &Path) -> Result<Vec<PathBuf>> {
-    Ok(files_within(&read(path)?).into_iter().map(|file| path.with_file_name(file)).collect())
+    let mut files = Vec::new();
+    read_with(path, |file| files.push(file.to_owned()))?;
+    Ok(files)
 }
 
 /// The text of a file in a folder.
-fn imported(folder: &Path, name: &str) -> Result<String> {
+fn imported(folder: &Path, file: &Path) -> Result<String> {
     let told = || "it cannot be read";
-    let (folder, file) = (folder.canonicalize().with_context(told)?, folder.join(name));
-    let file = file.canonicalize().with_context(told)?;
+    let (folder, file) = (folder.canonicalize().with_context(told)?, file.canonicalize().with_context(told)?);
     ensure!(file.starts_with(folder), "a link leads out of the shader's folder");
     ensure!(file.is_file(), "it is no regular file");
     read_alone(&file)
@@ -396,5 +402,31 @@ mod tests {
         for bad in ["wall", "wall=a.png", "=a.wgsl", "a.wgsl", "wall=a.wgsl,rings"] {
             assert!(parse(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn imports_are_the_files_that_are_read_even_in_vain() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [shader, lib] = ["wall.wgsl", "lib.wgsl"].map(|name| folder.path().join(name));
+        let text = "#import \"lib.wgsl\"\n#import \"held.wgsl\"\n#file \"held.wgsl\"\nconst HELD = 1.0;\n";
+        std::fs::write(&shader, text).expect("written");
+        let mut told = Vec::new();
+        assert!(read_with(&shader, |file| told.push(file.to_owned())).is_err(), "a file is missing");
+        assert_eq!(told, [lib.clone()]);
+        std::fs::write(&lib, "const LIB = 1.0;\n").expect("written");
+        assert_eq!(imports_of(&shader).expect("all files are there"), [lib]);
+    }
+
+    #[test]
+    fn imports_that_appear_or_change_while_they_are_read_are_noticed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [file, lib] = ["wall.wgsl", "lib.wgsl"].map(|name| folder.path().join(name));
+        std::fs::write(&file, "#import \"lib.wgsl\"\n").expect("written");
+        let surface = ShaderSurface { material: "wall".into(), file, values: vec![] };
+        let mut shader = Applied::new(surface, vec![], &Scene::default());
+        let load = |shader: &mut Applied| read_with(&shader.file.clone(), |file| shader.watch(file));
+        assert!(load(&mut shader).is_err() && !shader.has_changed());
+        std::fs::write(&lib, "const LIB = 1.0;\n").expect("written");
+        assert!(shader.has_changed() && load(&mut shader).is_ok() && !shader.has_changed());
     }
 }

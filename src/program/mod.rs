@@ -39,7 +39,7 @@ mod token;
 mod translation;
 
 pub use bsdf::BsdfShader;
-pub use import::{files_within, with_imports};
+pub use import::with_imports;
 #[doc(hidden)]
 pub use native::{ease, noise};
 pub use parameter::Parameter;

@@ -11,18 +11,12 @@ use super::path_state::States;
 use super::{Contribution, NewRays, PathState};
 use crate::geom::Sampler;
 use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::Scene;
 use crate::schedule::Output;
-use crate::shade::{Lights, pass_through};
+use crate::shade::pass_through;
 
-/// Share of the paths that follow light.
+/// Share of the paths that follow light from their first hit. At later hits it is divided by their number: the weights
+/// of the paths that go on would else grow with each hit by the same factor.
 const FOLLOWING: f32 = 0.25;
-
-/// True if punctual lights shine through surfaces of computed opacity.
-pub(super) fn lights_shine_through(scene: &Scene, lights: &Lights) -> bool {
-    let mut surfaces = scene.procedurals.iter();
-    !lights.punctual().is_empty() && surfaces.any(|surface| surface.effects().has_opacity)
-}
 
 /// Lanes whose rays follow light.
 #[inline(always)]
@@ -82,8 +76,9 @@ impl<L: Lanes> OutlinedTask<L> for Following<'_, '_, L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> (Mask<L>, Vector<L>) {
         let Self { out, sampler, rays, radiance, state, lanes } = self;
-        let follows = lanes & pass_through::follows_light(FOLLOWING, &sampler, state.depth);
-        let throughput = radiance * (1.0 / FOLLOWING);
+        let share = Num::splat(radiance.lanes(), FOLLOWING) / (state.depth + 1).to_num();
+        let follows = lanes & pass_through::follows_light(share, &sampler, state.depth);
+        let throughput = radiance * (1.0 / share);
         let pdf = Num::splat(radiance.lanes(), f32::NEG_INFINITY);
         let states = States { throughput, pdf, depth: state.depth + 1, ..state }.rows(follows);
         // Hits are shaded for rays of unit direction.
@@ -91,6 +86,6 @@ impl<L: Lanes> OutlinedTask<L> for Following<'_, '_, L> {
         let direction = rays.direction * (1.0 / length);
         let rays = NewRays { direction, t_max: rays.t_max * length, ..rays };
         rays.emit(out, follows, bytemuck::cast_slice(states.as_ref()));
-        (follows, Vector::select(lanes, state.throughput * (1.0 / (1.0 - FOLLOWING)), state.throughput))
+        (follows, Vector::select(lanes, state.throughput * (1.0 / (1.0 - share)), state.throughput))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
-use super::passing::{Following, Passing, are_of_light, have_passed, lights_shine_through};
+use super::passing::{Following, Passing, are_of_light, have_passed};
 use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, ends_of, hits_of, rays_of};
@@ -235,7 +235,8 @@ impl Shading<'_, '_> {
         let frame = self.frame;
         let (state, mut lanes) = (States::of(self.batch.payloads, ids), lanes);
         if self.follows_light {
-            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), state.throughput);
+            let light = self.shader.clamped(state.throughput, state.depth);
+            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), light);
             lanes &= !are_of_light(&state);
         }
         let mut direction = Vector::zero(ids.lanes());
@@ -318,10 +319,11 @@ impl Shading<'_, '_> {
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
         state.seeks = self.meet(&place, &state, lanes);
+        state.cone = cone;
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             (lanes, state.throughput) = self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
-        let state = States { facing: receiver.facing, cone, ..state };
+        let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
     }
 
@@ -527,7 +529,7 @@ impl HitShader for PathShader {
         batch: Batch<'_, PathState>,
         out: &mut Output<'_, PathState, Contribution>,
     ) {
-        let follows_light = lights_shine_through(frame.scene(), frame.lights());
+        let follows_light = frame.lights().shine_through();
         frame.simd().run(Shading { shader: self, frame, batch, out, follows_light });
     }
 

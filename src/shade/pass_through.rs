@@ -33,9 +33,9 @@ pub fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, depth: Int<L>, pr
 
 /// Lanes whose paths follow the light that they have sampled, with this probability.
 #[cfg_attr(not(unoptimised), inline(always))]
-pub fn follows_light<L: Lanes>(share: f32, sampler: &Sampler<L>, depth: Int<L>) -> Mask<L> {
+pub fn follows_light<L: Lanes>(share: Num<L>, sampler: &Sampler<L>, depth: Int<L>) -> Mask<L> {
     let dimension = mix_lanes(depth ^ OF_LIGHT) | FIRST_DIMENSION;
-    sampler.one(dimension).lt(Num::splat(depth.lanes(), share))
+    sampler.one(dimension).lt(share)
 }
 
 /// The density to store with rays of density `pdf` that pass another surface, and the lanes that may pass one.

@@ -1,12 +1,14 @@
 //! BSDFs in WGSL that call the native BSDF of their material, or lie under the engine's clear coat.
 
 use super::bases::{covered, path};
-use super::scenes::{one_of_everything, principled};
+use super::procedural::{assert_near, mean};
+use super::scenes::{add_material, add_quad, one_of_everything, principled};
 use crate::lanes::SimdLevel;
 use crate::program::{BsdfShader, PatternShader};
+use crate::render::Settings;
 use crate::scene::{
-    Anisotropy, CodedSurface, Colour, DiffuseTransmission, GiveSurfaceError, Principled, ProceduralSurface,
-    Scalar, ScatteringSurface, Scene, Sheen, Surface,
+    Anisotropy, CodedSurface, Colour, DiffuseTransmission, Environment, GiveSurfaceError, Iridescence,
+    Principled, ProceduralSurface, Scalar, ScatteringSurface, Scene, Sheen, Surface,
 };
 use glam::Vec3;
 use std::sync::Arc;
@@ -47,7 +49,7 @@ fn all(surface: &Surface) -> bool {
 fn the_native_bsdf_of_a_base_is_that_of_the_material() {
     let scene = one_of_everything();
     let share = Scalar::constant;
-    let edits: [&dyn Fn(&mut Principled); 7] = [
+    let edits: [&dyn Fn(&mut Principled); 8] = [
         &|of| of.metallic = share(0.6),
         &|of| (of.clearcoat, of.clearcoat_roughness) = (share(0.7), share(0.2)),
         &|of| of.transmission = share(0.7),
@@ -57,6 +59,10 @@ fn the_native_bsdf_of_a_base_is_that_of_the_material() {
         &|of| {
             let colour = Colour::constant(Vec3::new(0.2, 0.9, 0.4));
             of.diffuse_transmission = Some(DiffuseTransmission { share: share(0.5), colour });
+        },
+        &|of| {
+            let (strength, thickness_nm) = (share(1.0), [0.0, 350.0]);
+            of.iridescence = Some(Iridescence { strength, ior: 1.4, thickness_nm, thickness_texture: None });
         },
     ];
     for (number, edit) in edits.into_iter().enumerate() {
@@ -78,6 +84,45 @@ fn the_native_bsdf_of_a_base_is_that_of_the_material() {
         let is_far = |(a, b): &(&[f32; 3], &[f32; 3])| a.iter().zip(*b).any(|(a, b)| (a - b).abs() > 1e-3);
         let far = found.iter().zip(&expected).filter(is_far).count();
         assert!(far < expected.len() / 100, "{number}: {far} pixels of {}", expected.len());
+    }
+}
+
+#[test]
+fn dust_scatters_the_same_light_however_it_is_sampled() {
+    // The same BSDF, whose directions are chosen evenly.
+    let (of_pdf, of_wi) = ("mix(below.pdf, cosine_hemisphere_pdf(wi.z), s.covered)", "cosine_hemisphere(u2)");
+    let end = "    return scattered(wi, evaluate(s, wo, wi));";
+    assert!([of_pdf, of_wi, end].iter().all(|part| DUSTY.matches(part).count() == 1));
+    let even = "    let z = 1.0 - 2.0 * u2.x;
+        let way = sqrt(max(0.0, 1.0 - z * z)) * vec2f(cos(6.2831853 * u2.y), sin(6.2831853 * u2.y));
+        wi = vec3f(way, z);\n";
+    let even = DUSTY.replace(of_pdf, "0.07957747").replace(end, &format!("{even}{end}"));
+    let share = Scalar::constant;
+    // Rough metal beside: many of its reflections end below the surface.
+    let bases: [(&str, &dyn Fn(&mut Principled)); 2] = [
+        ("translucent", &|of| {
+            let colour = Colour::constant(Vec3::ONE);
+            of.diffuse_transmission = Some(DiffuseTransmission { share: share(1.0), colour });
+        }),
+        ("frosted", &|of| of.transmission = share(1.0)),
+    ];
+    let settings = Settings::new(16, 16).with_spp(4096).with_max_bounces(0);
+    for (name, edit) in bases {
+        let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };
+        let base = principled(|of| {
+            (of.roughness, of.metallic) = (share(1.0), share(0.5));
+            edit(of);
+        });
+        let base = add_material(&mut scene, base);
+        // Seen at grazing angles, and faces up, where dust lies.
+        let back = Vec3::new(0.0, 5.8, -17.0);
+        add_quad(&mut scene, Vec3::X * -9.0 - back * 0.5, Vec3::X * 18.0, back, base);
+        let [found, expected] = [DUSTY, &even].map(|text| {
+            let mut scene = scene.clone();
+            scene.give_surface(&[base as usize], bsdf(text)).expect("a finish");
+            mean(&scene, settings)
+        });
+        assert_near(found, expected, 0.01, name);
     }
 }
 

@@ -3,7 +3,7 @@
 use super::harness::{self, render};
 use super::scenes::*;
 use crate::lanes::{Lanes, Num, SimdLevel, Vector};
-use crate::render::{PathTracer, Settings, Whitted};
+use crate::render::{PathShader, PathTracer, Settings, Whitted};
 use crate::scene::{
     Effects, Environment, Finish, Light, LightShape, Material, Object, Points, Procedural, ProceduralSurface,
     Scene, Surface,
@@ -20,7 +20,7 @@ fn coded(scene: &mut Scene, surface: impl Procedural) -> u32 {
     add_material(scene, of(surface))
 }
 
-fn mean(scene: &Scene, settings: Settings) -> Vec3 {
+pub(super) fn mean(scene: &Scene, settings: Settings) -> Vec3 {
     let path = PathTracer::new(Arc::new(scene.clone()), &camera(), settings, None).expect("valid");
     render(&path, 8192, &harness::tracer(scene));
     assert_eq!(path.film().dropped_splats(), 0);
@@ -28,7 +28,7 @@ fn mean(scene: &Scene, settings: Settings) -> Vec3 {
     pixels.iter().map(|&pixel| Vec3::from(pixel)).sum::<Vec3>() / pixels.len() as f32
 }
 
-fn assert_near(found: Vec3, expected: Vec3, share: f32, what: &str) {
+pub(super) fn assert_near(found: Vec3, expected: Vec3, share: f32, what: &str) {
     let off = ((found - expected) / expected).abs().max_element();
     assert!(off < share, "{what}: {found} for {expected}");
 }
@@ -227,6 +227,13 @@ fn punctual_lights_shine_through_gauze_in_proportion() {
         let found = mean(&covered(opacity), settings);
         assert_near(found, expected * (1.0 - opacity).powi(2), 0.04, "light through two layers");
     }
+    // Nothing comes back from them, so indirect light falls as the direct does.
+    let bounced = Settings { max_bounces: 3, ..settings };
+    let expected = mean(&bare, bounced);
+    for opacity in [0.0, 0.5] {
+        let found = mean(&covered(opacity), bounced);
+        assert_near(found, expected * (1.0 - opacity).powi(2), 0.04, "with bounces");
+    }
     assert!(mean(&covered(1.0), settings).max_element() < 1e-6);
     // Paths that follow light leave out what others see, which counts for more.
     let settings = Settings { max_bounces: 3, ..settings };
@@ -236,6 +243,29 @@ fn punctual_lights_shine_through_gauze_in_proportion() {
     let [alone, split] = [mean(&bare, settings), mean(&beside, settings)];
     assert_ne!(alone, split);
     assert_near(split, alone, 0.02, "beside a surface that is out of the way");
+}
+
+#[test]
+fn indirect_light_through_gauze_is_clamped() {
+    const LIMIT: f32 = 0.05;
+    // The sun lights the floor, and only the floor the wall.
+    let mut scene = floor(0.0);
+    let shape = LightShape::Directional { direction: -Vec3::Y };
+    scene.lights.push(Light { name: "sun".into(), intensity: Vec3::ONE, shape });
+    let gauze = coded(&mut scene, Gauze { opacity: 0.0, albedo: 0.0 });
+    add_quad(&mut scene, Vec3::new(-30.0, 3.5, 30.0), Vec3::X * 60.0, Vec3::Z * -60.0, gauze);
+    let scene = Arc::new(scene);
+    // All light follows, so a pixel of one sample has one contribution. The upper half shows the wall.
+    let brightest = |shader: PathShader| {
+        let settings = Settings::new(64, 64).with_spp(1).with_max_bounces(3);
+        let path = PathTracer::of(shader, scene.clone(), &camera(), settings).expect("valid");
+        render(&path, 8192, &harness::tracer(&scene));
+        path.film().resolve()[..64 * 32].iter().flatten().fold(0.0, |most: f32, &channel| most.max(channel))
+    };
+    let open = PathShader::new(None);
+    let [unclamped, clamped] = [open, open.with_indirect_limit(LIMIT)].map(brightest);
+    assert!(unclamped > 4.0 * LIMIT, "{unclamped}");
+    assert!(clamped > 0.99 * LIMIT && clamped < 1.01 * LIMIT, "{clamped}");
 }
 
 /// Uses every field.

@@ -39,14 +39,19 @@ impl<L: Lanes> FinishBsdf<L> {
         (value.only(there), pdf.only(there))
     }
 
-    /// Samples directions; `u` chooses a lobe, `u2` the direction.
+    /// Samples directions; `u` chooses a lobe, `u2` the direction. Where no direction is found it is 0, for which
+    /// [`FinishBsdf::evaluate`] returns 0.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, u: Num<L>, [x, y]: [Num<L>; 2]) -> Scattered<L> {
         let Self { surface, wo, seen } = self;
         let [u, x, y] = [u, x, y].map(|u| u.clamp(0.0, 1.0));
         let sample = u.lanes().outlined(outlined::Sampling { surface, wo: *wo, u, u2: [x, y] });
         let there = sample.valid & *seen & !sample.specular;
-        Scattered { wi: sample.wi, weight: sample.weight.only(there), pdf: sample.pdf.only(there) }
+        Scattered {
+            wi: sample.wi.only(there),
+            weight: sample.weight.only(there),
+            pdf: sample.pdf.only(there),
+        }
     }
 }
 

@@ -237,13 +237,17 @@ fn the_commands_send_scenes_and_fetch_pictures() {
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), text, errors)
     };
-    // A shader that imports another file.
+    // A shader that imports another file, which is a link, and holds a third one itself.
     let paint = work.path().join("paint.wgsl");
     std::fs::create_dir(work.path().join("lib")).expect("a folder");
-    std::fs::write(work.path().join("lib/red.wgsl"), "const RED = vec3f(0.8, 0.1, 0.1);\n")
+    std::fs::write(work.path().join("lib/any.wgsl"), "const RED = vec3f(0.8, 0.1, 0.1);\n")
         .expect("a shader");
-    let text = "#import \"lib/red.wgsl\"\nfn pattern(at: Point) -> Finish {
-        var f = base(at); f.colour = RED; return f; }";
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("any.wgsl", work.path().join("lib/red.wgsl")).expect("a link");
+    #[cfg(not(unix))]
+    std::fs::copy(work.path().join("lib/any.wgsl"), work.path().join("lib/red.wgsl")).expect("a copy");
+    let text = "#import \"lib/red.wgsl\"\n#import \"held.wgsl\"\nfn pattern(at: Point) -> Finish {
+        var f = base(at); f.colour = RED * HALF; return f; }\n#file \"held.wgsl\"\nconst HALF = 0.5;\n";
     std::fs::write(&paint, text).expect("a shader");
     let surface = format!("a={}", paint.display());
     let options = ["--size", "16x8", "--spp", "4", "--eye", "-1,0,4", "--surface", &surface];

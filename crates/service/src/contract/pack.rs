@@ -7,7 +7,7 @@ use raystream::picture::{CheckedSpec, Registry, RenderSpec, SpecError, scene_fil
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::io::{Cursor, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// A scene with its files, in the form in which scenes are uploaded.
 #[derive(Clone, Debug)]
@@ -39,19 +39,18 @@ impl Pack {
         let scene = checked.scene_file()?;
         let read = scene_file::read(scene, &spec.loading.options(&MemoryBudget::of_machine()))?;
         let folder = scene.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
-        let folder = folder.canonicalize().with_context(|| scene.display().to_string())?;
-        let entry = inside(&folder, scene)?;
+        let entry = inside(folder, scene)?;
         let mut files: BTreeSet<PathBuf> = BTreeSet::from([entry.clone()]);
         for file in &read.files {
-            files.insert(inside(&folder, file)?);
+            files.insert(inside(folder, file)?);
         }
         for file in shaders::files_of(&read) {
-            files.insert(inside(&folder, &folder.join(file))?);
+            files.insert(inside(folder, &folder.join(file))?);
         }
         let mut spec = RenderSpec::clone(spec);
         spec.scene = None;
         spec.map_files(|_, file| {
-            let kept = inside(&folder, file)?;
+            let kept = inside(folder, file)?;
             let name = slashes(&kept)?;
             files.insert(kept);
             Ok::<_, PackError>(name.into())
@@ -59,10 +58,10 @@ impl Pack {
         let is_shader = |file: &&PathBuf| file.to_string_lossy().ends_with(shaders::EXTENSION);
         let imports = files.iter().filter(is_shader).map(|file| shaders::imports_of(&folder.join(file)));
         for import in imports.collect::<Result<Vec<_>>>()?.into_iter().flatten() {
-            files.insert(inside(&folder, &import)?);
+            files.insert(inside(folder, &import)?);
         }
         let is_single = files.len() == 1 && has_own_format(&entry);
-        let bytes = if is_single { std::fs::read(folder.join(&entry))? } else { zip(&folder, &files)? };
+        let bytes = if is_single { std::fs::read(folder.join(&entry))? } else { zip(folder, &files)? };
         let sha256 = hex(&Sha256::digest(&bytes));
         let entry = if is_single { None } else { Some(slashes(&entry)?) };
         Ok(Self { scene: ScenePack { bytes, sha256, entry }, spec })
@@ -84,13 +83,22 @@ fn has_own_format(path: &Path) -> bool {
     extension.is_some_and(|extension| ["glb", "gltf", "json", "ply"].iter().any(|own| extension == *own))
 }
 
-/// The path of a file within the scene's folder.
+/// The path of a file within the scene's folder. A link has its own path and not that of its file: other files name it
+/// so, and it may name files beside it.
 fn inside(folder: &Path, file: &Path) -> Result<PathBuf> {
-    let path = file.canonicalize().with_context(|| format!("{}: cannot be read", file.display()))?;
-    let inside = path.strip_prefix(folder).with_context(|| {
-        format!("{}: it lies outside the scene's folder {}; move it there", file.display(), folder.display())
+    let real =
+        |path: &Path| path.canonicalize().with_context(|| format!("{}: cannot be read", path.display()));
+    let (real_folder, path) = (real(folder)?, real(file)?);
+    let kept = path.strip_prefix(&real_folder).with_context(|| {
+        format!(
+            "{}: it lies outside the scene's folder {}; move it there",
+            file.display(),
+            real_folder.display()
+        )
     })?;
-    Ok(inside.to_owned())
+    let [folder, file] = [std::path::absolute(folder)?, std::path::absolute(file)?];
+    let is_plain = |named: &&Path| named.components().all(|part| matches!(part, Component::Normal(_)));
+    Ok(file.strip_prefix(folder).ok().filter(is_plain).unwrap_or(kept).to_owned())
 }
 
 /// A path with `/` between its folders.
@@ -112,4 +120,37 @@ fn zip(folder: &Path, files: &BTreeSet<PathBuf>) -> Result<Vec<u8>> {
         archive.write_all(&std::fs::read(&path).with_context(|| path.display().to_string())?)?;
     }
     Ok(archive.finish()?.into_inner())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn links_keep_their_paths_and_lead_to_nothing_outside() {
+        let (work, other) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let folder = work.path().join("scene");
+        std::fs::create_dir_all(folder.join("real/lib")).expect("folders");
+        std::fs::write(folder.join("real/a.wgsl"), "").expect("a file");
+        std::fs::write(other.path().join("b.wgsl"), "").expect("a file");
+        for (target, link) in [
+            (folder.join("real/a.wgsl"), folder.join("a.wgsl")),
+            (folder.join("real"), folder.join("linked")),
+            (other.path().join("b.wgsl"), folder.join("b.wgsl")),
+            (folder.clone(), work.path().join("same")),
+        ] {
+            symlink(target, link).expect("a link");
+        }
+        for (file, expected) in [
+            ("scene/a.wgsl", "a.wgsl"),
+            ("scene/linked/a.wgsl", "linked/a.wgsl"),
+            ("scene/linked/lib/../a.wgsl", "real/a.wgsl"),
+            ("same/real/a.wgsl", "real/a.wgsl"),
+        ] {
+            assert_eq!(inside(&folder, &work.path().join(file)).expect(file), Path::new(expected), "{file}");
+        }
+        let error = inside(&folder, &folder.join("b.wgsl")).expect_err("outside");
+        assert!(error.to_string().contains("it lies outside the scene's folder"), "{error}");
+    }
 }
