@@ -17,8 +17,8 @@ use std::sync::Arc;
 /// Values are those of a recipe's materials: `colour` (linear, 0 to 1, white by default), `roughness`, `metallic`,
 /// `clearcoat`, `coats`, `anisotropy`, `anisotropy_degrees`, `sheen`, `film`, `ior` (glass), `dispersion`,
 /// `absorption`, `diffuse_transmission`, `mirror`, `emission` (radiance of the front), `alpha`, `alpha_cutoff`,
-/// `normal_scale`, `surface` and `options` (a shader), `openpbr` (a dictionary of OpenPBR's parameters in place of colour
-/// and roughness). Without roughness, ior, mirror and openpbr the surface is matte.
+/// `normal_scale`, `surface` and `options` (a shader), `openpbr` (a dictionary of OpenPBR's parameters in place of
+/// colour and roughness). Without roughness, ior, mirror and openpbr the surface is matte.
 ///
 /// `texture` multiplies the colour, and its alpha `alpha`; `roughness_texture` (its green) the roughness,
 /// `metallic_texture` (its blue) metallic, `emission_texture` the emission; `normal_texture` is a normal map as

@@ -306,8 +306,7 @@ impl<'a> Maps<'a> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn of(scene: &'a Scene, material: &'a Material) -> Self {
-        let set = |map: &NormalMap| map.texture.set;
-        let normal = material.normal_map.is_some();
+        let (set, normal) = (|map: &NormalMap| map.texture.set, material.normal_map.is_some());
         let (mut surface, mut anisotropy, mut coat) = (None, None, None);
         match &material.surface {
             Surface::Principled(of) => surface = Some(of),
@@ -316,8 +315,8 @@ impl<'a> Maps<'a> {
                 anisotropy = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
                 surface = coded.own().map(OwnSurface::surface);
             }
-            Surface::Scattering(index) => {
-                surface = scene.scatterings[*index as usize].own().map(OwnSurface::surface);
+            Surface::Scattering(of) => {
+                surface = scene.scatterings[*of as usize].own().map(OwnSurface::surface)
             }
             Surface::OpenPbr(of) => anisotropy = of.specular_anisotropy.as_ref(),
             _ => {}
@@ -328,9 +327,8 @@ impl<'a> Maps<'a> {
             anisotropy = surface.anisotropy.as_ref().or(anisotropy);
         }
         let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
-        let sets = material.normal_map.as_ref().map(set);
-        let sets = sets.or_else(|| coat.flatten().map(set)).or_else(|| anisotropy.and_then(direction));
-        Self { normal, anisotropy, coat, set: sets.unwrap_or(0) }
+        let own = material.normal_map.as_ref().map(set).or_else(|| coat.flatten().map(set));
+        Self { normal, anisotropy, coat, set: own.or_else(|| anisotropy.and_then(direction)).unwrap_or(0) }
     }
 
     /// The tangent bases and the lanes that have one; `None` if no map needs them.

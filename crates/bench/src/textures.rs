@@ -138,102 +138,110 @@ fn plain(scene: &Scene) -> Scene {
 /// The scene with the means of its textures and without normal maps. Alpha is kept, because it decides where rays
 /// end.
 fn constant(scene: &Scene) -> Scene {
-    let mut even = scene.clone();
-    let colour = |of: Colour| Colour::constant(of.factor * of.texture.map_or(Vec3::ONE, |t| mean(scene, t)));
-    let scalar = |of: Scalar| {
-        let texel = of.texture.map_or(1.0, |(texture, channel)| {
-            let texture = &scene.textures[texture.texture as usize];
-            texture.channel(channel, MIDDLE.map(Num::from), &everything()).get()
-        });
-        Scalar::constant(of.factor * texel)
-    };
-    let thickness = |of: &Iridescence| {
-        let [thin, thick] = of.thickness_nm;
-        thin + (thick - thin) * scalar(Scalar { factor: 1.0, texture: of.thickness_texture }).factor
-    };
+    let (mut even, means) = (scene.clone(), Means { scene });
     for mix in &mut even.mixes {
-        mix.share = scalar(mix.share);
+        mix.share = means.scalar(mix.share);
     }
     for material in &mut even.materials {
         material.normal_map = None;
-        material.emission = material.emission.map(|of| Emission { radiance: colour(of.radiance), ..of });
+        material.emission =
+            material.emission.map(|of| Emission { radiance: means.colour(of.radiance), ..of });
         match &mut material.surface {
             Surface::Matte { reflectance } | Surface::Mirror { reflectance } => {
-                *reflectance = colour(*reflectance);
+                *reflectance = means.colour(*reflectance);
             }
-            Surface::Principled(of) => {
-                *of = Principled {
-                    base_colour: colour(of.base_colour),
-                    metallic: scalar(of.metallic),
-                    roughness: scalar(of.roughness),
-                    transmission: scalar(of.transmission),
-                    clearcoat: scalar(of.clearcoat),
-                    clearcoat_roughness: scalar(of.clearcoat_roughness),
-                    coat_normal_map: None,
-                    specular: scalar(of.specular),
-                    specular_colour: colour(of.specular_colour),
-                    anisotropy: of.anisotropy.map(|of| Anisotropy {
-                        strength: scalar(of.strength),
-                        direction: None,
-                        ..of
-                    }),
-                    sheen: of
-                        .sheen
-                        .map(|of| Sheen { colour: colour(of.colour), roughness: scalar(of.roughness) }),
-                    iridescence: of.iridescence.map(|of| Iridescence {
-                        strength: scalar(of.strength),
-                        thickness_nm: [thickness(&of); 2],
-                        thickness_texture: None,
-                        ..of
-                    }),
-                    glossiness: of.glossiness.map(scalar),
-                    diffuse_transmission: of
-                        .diffuse_transmission
-                        .map(|of| DiffuseTransmission { share: scalar(of.share), colour: colour(of.colour) }),
-                    ..*of
-                };
-            }
-            Surface::OpenPbr(of) => {
-                *of = OpenPbr {
-                    base_weight: scalar(of.base_weight),
-                    base_color: colour(of.base_color),
-                    base_diffuse_roughness: scalar(of.base_diffuse_roughness),
-                    base_metalness: scalar(of.base_metalness),
-                    specular_weight: scalar(of.specular_weight),
-                    specular_color: colour(of.specular_color),
-                    specular_roughness: scalar(of.specular_roughness),
-                    specular_anisotropy: of.specular_anisotropy.map(|of| Anisotropy {
-                        strength: scalar(of.strength),
-                        direction: None,
-                        ..of
-                    }),
-                    transmission_weight: scalar(of.transmission_weight),
-                    transmission_color: colour(of.transmission_color),
-                    coat: of.coat.map(|of| OpenPbrCoat {
-                        weight: scalar(of.weight),
-                        color: colour(of.color),
-                        roughness: scalar(of.roughness),
-                        anisotropy: scalar(of.anisotropy),
-                        ..of
-                    }),
-                    fuzz: of.fuzz.map(|of| OpenPbrFuzz {
-                        weight: scalar(of.weight),
-                        color: colour(of.color),
-                        roughness: scalar(of.roughness),
-                    }),
-                    thin_film: of.thin_film.map(|of| Iridescence {
-                        strength: scalar(of.strength),
-                        thickness_nm: [thickness(&of); 2],
-                        thickness_texture: None,
-                        ..of
-                    }),
-                    ..*of
-                };
-            }
+            Surface::Principled(of) => *of = means.principled(*of),
+            Surface::OpenPbr(of) => *of = means.openpbr(*of),
             _ => {}
         }
     }
     even
+}
+
+/// Parameters with the means of their textures.
+struct Means<'a> {
+    scene: &'a Scene,
+}
+
+impl Means<'_> {
+    fn colour(&self, of: Colour) -> Colour {
+        Colour::constant(of.factor * of.texture.map_or(Vec3::ONE, |texture| mean(self.scene, texture)))
+    }
+
+    fn scalar(&self, of: Scalar) -> Scalar {
+        let texel = of.texture.map_or(1.0, |(texture, channel)| {
+            let texture = &self.scene.textures[texture.texture as usize];
+            texture.channel(channel, MIDDLE.map(Num::from), &everything()).get()
+        });
+        Scalar::constant(of.factor * texel)
+    }
+
+    fn film(&self, of: Iridescence) -> Iridescence {
+        let [thin, thick] = of.thickness_nm;
+        let share = self.scalar(Scalar { factor: 1.0, texture: of.thickness_texture }).factor;
+        let thickness_nm = [thin + (thick - thin) * share; 2];
+        Iridescence { strength: self.scalar(of.strength), thickness_nm, thickness_texture: None, ..of }
+    }
+
+    fn anisotropy(&self, of: Anisotropy) -> Anisotropy {
+        Anisotropy { strength: self.scalar(of.strength), direction: None, ..of }
+    }
+
+    fn principled(&self, of: Principled) -> Principled {
+        let sheen =
+            |of: Sheen| Sheen { colour: self.colour(of.colour), roughness: self.scalar(of.roughness) };
+        Principled {
+            base_colour: self.colour(of.base_colour),
+            metallic: self.scalar(of.metallic),
+            roughness: self.scalar(of.roughness),
+            transmission: self.scalar(of.transmission),
+            clearcoat: self.scalar(of.clearcoat),
+            clearcoat_roughness: self.scalar(of.clearcoat_roughness),
+            coat_normal_map: None,
+            specular: self.scalar(of.specular),
+            specular_colour: self.colour(of.specular_colour),
+            anisotropy: of.anisotropy.map(|of| self.anisotropy(of)),
+            sheen: of.sheen.map(sheen),
+            iridescence: of.iridescence.map(|of| self.film(of)),
+            glossiness: of.glossiness.map(|of| self.scalar(of)),
+            diffuse_transmission: of.diffuse_transmission.map(|of| DiffuseTransmission {
+                share: self.scalar(of.share),
+                colour: self.colour(of.colour),
+            }),
+            ..of
+        }
+    }
+
+    fn openpbr(&self, of: OpenPbr) -> OpenPbr {
+        let coat = |of: OpenPbrCoat| OpenPbrCoat {
+            weight: self.scalar(of.weight),
+            color: self.colour(of.color),
+            roughness: self.scalar(of.roughness),
+            anisotropy: self.scalar(of.anisotropy),
+            ..of
+        };
+        let fuzz = |of: OpenPbrFuzz| OpenPbrFuzz {
+            weight: self.scalar(of.weight),
+            color: self.colour(of.color),
+            roughness: self.scalar(of.roughness),
+        };
+        OpenPbr {
+            base_weight: self.scalar(of.base_weight),
+            base_color: self.colour(of.base_color),
+            base_diffuse_roughness: self.scalar(of.base_diffuse_roughness),
+            base_metalness: self.scalar(of.base_metalness),
+            specular_weight: self.scalar(of.specular_weight),
+            specular_color: self.colour(of.specular_color),
+            specular_roughness: self.scalar(of.specular_roughness),
+            specular_anisotropy: of.specular_anisotropy.map(|of| self.anisotropy(of)),
+            transmission_weight: self.scalar(of.transmission_weight),
+            transmission_color: self.colour(of.transmission_color),
+            coat: of.coat.map(coat),
+            fuzz: of.fuzz.map(fuzz),
+            thin_film: of.thin_film.map(|of| self.film(of)),
+            ..of
+        }
+    }
 }
 
 const MIDDLE: [f32; 2] = [0.5; 2];

@@ -152,12 +152,7 @@ impl Recipe {
             .map_err(|problem| RecipeError::Range { place: "options".into(), problem })?;
         size.reserve(&mut scene.mesh)?;
         let textures: Numbers = self.textures.keys().map(String::as_str).zip(0..).collect();
-        for (name, pattern) in &self.textures {
-            let place = || format!("texture {name:?}");
-            let texture =
-                pattern.paint(name).map_err(|problem| RecipeError::Range { place: place(), problem })?;
-            scene.textures.push(texture);
-        }
+        scene.textures = self.painted()?;
         let mut linear = Numbers::new();
         for (name, recipe) in &self.materials {
             let found = recipe.textures(|texture, space| {
@@ -207,6 +202,15 @@ impl Recipe {
             scene.mesh.normals.clear();
         }
         Ok(scene)
+    }
+
+    /// The textures, in the order of their names.
+    fn painted(&self) -> Result<Vec<Texture>, RecipeError> {
+        let paint = |(name, pattern): (&String, &Pattern)| {
+            let range = |problem| RecipeError::Range { place: format!("texture {name:?}"), problem };
+            pattern.paint(name).map_err(range)
+        };
+        self.textures.iter().map(paint).collect()
     }
 
     /// All cameras. The first is the scene's.

@@ -159,7 +159,7 @@ unsafe fn keep_entering<W: Lanes>(
         // SAFETY: invariants 1 and 2; what is written lies before what is read next.
         unsafe { ListVector::load::<true>(w, sub, list, at, len).append_entering(w, faces, 0, &mut end) };
     }
-    // SAFETY: both point into the list.
+    // SAFETY: both point into the list (invariant 2).
     unsafe { end.offset_from_unsigned(list) }
 }
 
