@@ -53,7 +53,7 @@ const GIVEN_BACK: f32 = 0.96;
 /// The same for anisotropic facets, whose tables are coarser.
 const GIVEN_BACK_ALONG: f32 = 0.85;
 
-/// Factor of the diffuse base under anisotropic facets, its own or the coat's, whose reflectances are those of isotropic
+/// Factor of the diffuse base under anisotropic facets, its own or the coat's. Their reflectances are those of isotropic
 /// ones in the same azimuth.
 const DIFFUSE_ALONG: f32 = 0.97;
 

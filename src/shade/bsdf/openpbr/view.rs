@@ -65,8 +65,8 @@ impl<L: Lanes> OpenPbr<L> {
                 .scaled(self.kept[0] * THROUGH_KEPT)
         });
         let mut passed = self.mean_passed(&base, &coat);
-        // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base gets
-        // less. So does a rough one, which sends more of its light where more passes.
+        // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base
+        // gets less. So does a rough one, which sends more of its light where more passes.
         let roughness = self.diffuse.roughness;
         let mut more = Num::select(self.interface.eta.below(1.0), roughness * 0.5 + 0.2, roughness * 0.2);
         if let Some((coat, _)) = &self.coat {
