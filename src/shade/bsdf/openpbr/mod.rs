@@ -53,8 +53,8 @@ const GIVEN_BACK: f32 = 0.96;
 /// The same for anisotropic facets, whose tables are coarser.
 const GIVEN_BACK_ALONG: f32 = 0.85;
 
-/// Factor of the diffuse base under anisotropic facets, its own or the coat's. Their reflectances are those of isotropic
-/// ones in the same azimuth.
+/// Factor of the diffuse base under anisotropic facets, its own or the coat's. Their reflectances are those of
+/// isotropic ones in the same azimuth.
 const DIFFUSE_ALONG: f32 = 0.97;
 
 /// The greatest anisotropy.
