@@ -158,8 +158,11 @@ fn image_of(given: &Bound<'_, PyAny>) -> PyResult<TextureImage> {
     image.map_err(|error| PyValueError::new_err(format!("pixels: {error}")))
 }
 
+/// Width and height, and pixels with four channels.
+type Pixels<T> = ((u32, u32), Vec<[T; 4]>);
+
 /// Width, height and the pixels with four channels.
-fn rgba<T: Named + Copy>(given: &Numbers<'_, T>, opaque: T) -> PyResult<((u32, u32), Vec<[T; 4]>)> {
+fn rgba<T: Named + Copy>(given: &Numbers<'_, T>, opaque: T) -> PyResult<Pixels<T>> {
     let (height, width, channels) = match *given.shape() {
         [height, width] => (height, width, 1),
         [height, width, channels @ (1 | 3 | 4)] => (height, width, channels),

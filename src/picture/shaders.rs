@@ -412,7 +412,7 @@ mod tests {
         std::fs::write(&shader, text).expect("written");
         let mut told = Vec::new();
         assert!(read_with(&shader, |file| told.push(file.to_owned())).is_err(), "a file is missing");
-        assert_eq!(told, [lib.clone()]);
+        assert_eq!(told, std::slice::from_ref(&lib));
         std::fs::write(&lib, "const LIB = 1.0;\n").expect("written");
         assert_eq!(imports_of(&shader).expect("all files are there"), [lib]);
     }

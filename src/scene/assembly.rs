@@ -115,22 +115,9 @@ fn before_number(name: &str) -> Option<&str> {
     number.parse::<u32>().is_ok().then_some(before)
 }
 
+/// What recipes need to leave nothing behind when they are refused.
+#[cfg(feature = "formats")]
 impl Assembly {
-    /// The parts, in their order.
-    pub fn parts(&self) -> &[Part] {
-        &self.parts
-    }
-
-    /// The materials, by number, without "default".
-    pub fn materials(&self) -> &[Material] {
-        &self.materials
-    }
-
-    /// Number of triangles of all instances.
-    pub fn triangle_count(&self) -> u64 {
-        self.size.triangles
-    }
-
     /// Numbers of textures, images, materials, requests and warnings.
     pub(super) fn lengths(&self) -> [usize; 5] {
         let Self { textures, images, materials, surface_requests, warnings, .. } = self;
@@ -148,6 +135,23 @@ impl Assembly {
         self.surface_requests.truncate(requests);
         self.warnings.truncate(warnings);
     }
+}
+
+impl Assembly {
+    /// The parts, in their order.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// The materials, by number, without "default".
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// Number of triangles of all instances.
+    pub fn triangle_count(&self) -> u64 {
+        self.size.triangles
+    }
 
     /// Adds a texture, whose number [`super::TextureRef::texture`] is.
     pub fn add_texture(&mut self, texture: Texture) -> u32 {
@@ -156,7 +160,7 @@ impl Assembly {
     }
 
     /// Adds a texture of an image, or finds the one of the same image, colour space and addressing.
-    pub(super) fn add_image(&mut self, name: &str, of: &TextureUse, space: ColourSpace) -> u32 {
+    pub fn add_image(&mut self, name: &str, of: &TextureUse, space: ColourSpace) -> u32 {
         let is_same = |(image, its_space, wrap, _): &&(TextureImage, _, _, _)| {
             image.is_same(&of.image) && (its_space, wrap) == (&space, &of.wrap)
         };

@@ -1,7 +1,6 @@
 //! Images in memory, from which textures are made.
 
 use super::{ColourSpace, Mipmap, Texture, TextureRef, Wrap, srgb};
-use glam::Vec2;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -175,19 +174,6 @@ impl TextureUse {
     /// A use that repeats the image over the first texture coordinates as they are.
     pub fn plain(image: TextureImage) -> Self {
         Self { image, wrap: [Wrap::Repeat; 2], place: TextureRef::plain(0) }
-    }
-
-    /// Checks that the place is finite.
-    ///
-    /// # Errors
-    /// A sentence.
-    pub(super) fn check(&self) -> Result<(), String> {
-        let TextureRef { texture: _, set: _, offset, rotation, scale } = self.place;
-        let is_finite = |vector: Vec2| vector.is_finite();
-        if is_finite(offset) && is_finite(scale) && rotation.is_finite() {
-            return Ok(());
-        }
-        Err("a texture's offset, rotation or scale is not finite".into())
     }
 }
 

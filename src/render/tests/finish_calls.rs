@@ -99,21 +99,17 @@ fn dust_scatters_the_same_light_however_it_is_sampled() {
     let even = DUSTY.replace(of_pdf, "0.07957747").replace(end, &format!("{even}{end}"));
     let share = Scalar::constant;
     // Rough metal beside: many of its reflections end below the surface.
-    let bases: [(&str, &dyn Fn(&mut Principled)); 2] = [
-        ("translucent", &|of| {
-            let colour = Colour::constant(Vec3::ONE);
-            of.diffuse_transmission = Some(DiffuseTransmission { share: share(1.0), colour });
-        }),
-        ("frosted", &|of| of.transmission = share(1.0)),
+    let diffuse_transmission =
+        Some(DiffuseTransmission { share: share(1.0), colour: Colour::constant(Vec3::ONE) });
+    let rough = Principled { roughness: share(1.0), metallic: share(0.5), ..Principled::default() };
+    let bases = [
+        ("translucent", Principled { diffuse_transmission, ..rough }),
+        ("frosted", Principled { transmission: share(1.0), ..rough }),
     ];
     let settings = Settings::new(16, 16).with_spp(4096).with_max_bounces(0);
-    for (name, edit) in bases {
+    for (name, base) in bases {
         let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..Scene::default() };
-        let base = principled(|of| {
-            (of.roughness, of.metallic) = (share(1.0), share(0.5));
-            edit(of);
-        });
-        let base = add_material(&mut scene, base);
+        let base = add_material(&mut scene, principled(|of| *of = base));
         // Seen at grazing angles, and faces up, where dust lies.
         let back = Vec3::new(0.0, 5.8, -17.0);
         add_quad(&mut scene, Vec3::X * -9.0 - back * 0.5, Vec3::X * 18.0, back, base);

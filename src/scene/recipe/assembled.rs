@@ -20,6 +20,14 @@ impl MaterialRecipe {
     }
 }
 
+fn check_place(place: &TextureRef) -> Result<(), String> {
+    let TextureRef { texture: _, set: _, offset, rotation, scale } = place;
+    if offset.is_finite() && scale.is_finite() && rotation.is_finite() {
+        return Ok(());
+    }
+    Err("a texture's offset, rotation or scale is not finite".into())
+}
+
 fn refused(material: &str, problem: String) -> AssemblyError {
     AssemblyError::Material { material: material.into(), problem }
 }
@@ -68,7 +76,7 @@ impl Assembly {
         let found = recipe.textures(|texture, space| {
             let missing = || format!("it names the texture {texture:?}, which is not there");
             let given = textures.get(texture).ok_or_else(missing)?;
-            given.check()?;
+            check_place(&given.place)?;
             let number = self.add_image(&format!("{texture} of {name}"), given, space);
             let reference = TextureRef { texture: number, ..given.place };
             Ok(MaterialTexture { reference, has_alpha: given.image.has_alpha() })

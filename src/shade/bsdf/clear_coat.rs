@@ -10,7 +10,7 @@ use crate::scene::Scattered;
 /// The greatest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A clear coat over any BSDF. It is the native one ([`Coat`]) but never smoother than [`MIN_ROUGHNESS`], so that it
+/// A clear coat over any BSDF. It is the native one (`Coat`) but never smoother than [`MIN_ROUGHNESS`], so that it
 /// has no mirrored direction.
 ///
 /// Of light that the BSDF below scatters, it passes the lesser of its shares for the two directions, as it does over

@@ -10,7 +10,7 @@ const DIMMING: f32 = 0.5 - 2.0 / (3.0 * PI);
 const MEAN_SLOPE: f32 = 2.0 / 3.0 - 28.0 / (15.0 * PI);
 
 /// The fit of the directional albedo of a single bounce: a polynomial of 1 − cosine without a constant term.
-const FIT: [f32; 4] = [0.057_108_53, 0.491_881_87, -0.332_181_44, 0.071_442_995];
+const FIT: [f32; 4] = [0.057_108_53, 0.491_881_87, -0.332_181_44, 0.071_442_99];
 
 /// Oren and Nayar's reflection in Fujii's form, with all further bounces (Portsmouth, Kutz and Hill 2024, *EON: A
 /// practical energy-preserving rough diffuse BRDF*, with the fitted albedo of section 3).

@@ -20,9 +20,9 @@ const POINTS: usize = QUADRATURE.len();
 
 /// Gauss and Legendre's quadrature of the squared cosine: cosines, and weights whose sum is 1.
 pub const QUADRATURE: [[f32; 2]; 6] = [
-    [0.183_753_21, 0.085_662_25],
+    [0.183_753_2, 0.085_662_25],
     [0.411_576_6, 0.180_380_79],
-    [0.617_001_14, 0.233_956_97],
+    [0.617_001_1, 0.233_956_97],
     [0.786_962_3, 0.233_956_97],
     [0.911_375_2, 0.180_380_79],
     [0.982_972_4, 0.085_662_25],

@@ -46,9 +46,9 @@ impl<L: Lanes> Interface<L> {
             return Curves::Grey([grey]);
         }
         let mut curves = [grey; 3];
-        for k in 0..COSINES {
-            let Vector { x, y, z } = self.at(Num::splat(l, cosine(k)));
-            (curves[0][k], curves[1][k], curves[2][k]) = (x, y, z);
+        let [red, green, blue] = &mut curves;
+        for (k, ((r, g), b)) in red.iter_mut().zip(green).zip(blue).enumerate() {
+            Vector { x: *r, y: *g, z: *b } = self.at(Num::splat(l, cosine(k)));
         }
         Curves::Coloured(curves)
     }
