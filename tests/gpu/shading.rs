@@ -2,7 +2,7 @@
 
 use super::open;
 use raystream::engine::{PreparedScene, Units};
-use raystream::lanes::{Int, Lanes, MAX_LANES, Num, Vector};
+use raystream::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
 use raystream::program::gpu::GpuProgram;
 use raystream::program::{BsdfShader, PatternShader};
 use raystream::render::Settings;
@@ -67,13 +67,13 @@ fn vector<L: Lanes>(v: Vector<L>) -> [Int<L>; 3] {
 /// The scalars of points, in the order of `POINT_FIELDS`.
 fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     let l = at.lanes();
-    let front = Int::select(at.front, Int::splat(l, u32::MAX), Int::splat(l, 0));
+    let truth = |of: Mask<L>| Int::select(of, Int::splat(l, u32::MAX), Int::splat(l, 0));
     let mut scalars: Vec<Int<L>> =
         [at.position, at.normal, at.geometric_normal, at.wo].into_iter().flat_map(vector).collect();
     scalars.extend(
         [at.uv[0], at.uv[1], at.barycentric[0], at.barycentric[1], at.width, at.area].map(Num::to_bits),
     );
-    scalars.extend([at.primitive, front]);
+    scalars.extend([at.primitive, truth(at.front)]);
     scalars.extend(vector(at.tangent()).into_iter().chain(vector(at.bitangent())));
     scalars.push(at.footprint().to_bits());
     scalars.extend(vector(at.vertex_colour()));
@@ -82,7 +82,7 @@ fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     scalars.extend(vector(at.object_position()));
     scalars.extend([at.footprint1(), at.object_width()].map(Num::to_bits));
     scalars.extend(vector(at.object_bounds_min()).into_iter().chain(vector(at.object_bounds_max())));
-    scalars.extend([at.time().to_bits(), at.frame()]);
+    scalars.extend([at.time().to_bits(), at.frame(), truth(at.outside())]);
     assert_eq!(scalars.len(), POINT_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
     scalars
 }
