@@ -138,7 +138,7 @@ fn hostile(data: &Path) -> Vec<(Vec<u8>, &'static str)> {
     let own = own.replace("a.wgsl", "b/a.wgsl");
     let outside =
         "#import \"../a.wgsl\"\noverride unused: f32;\nfn pattern(at: Point) -> Finish { return matte(at); }";
-    let missing = outside.replace("../", "");
+    let missing = outside.replace("../a", "none");
     let huge = r#"{ "materials": { "a": { "colour": [1, 1, 1] } }, "shapes": [ { "shape": "sphere",
         "centre": [0, 0, 0], "radius": 1, "cells": 1024, "material": "a" } ] }"#;
     vec![

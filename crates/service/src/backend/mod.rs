@@ -16,7 +16,7 @@ pub use open_job::{KeptScene, OpenJob};
 pub use scene_reader::SceneReader;
 
 use crate::contract::inside;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::Vec3;
 use memory_pool::{MemoryPool, MemoryShare};
 use raystream::engine::{PreparedScene, Units};
@@ -241,7 +241,11 @@ impl RenderBackend {
         };
         refuse_foreign_shaders(&scene)?;
         // Shaders are part of the scene's hash, so they are not changed.
-        drop(checked.change(&mut scene, &options)?);
+        let changed = checked.change(&mut scene, &options);
+        changed.map_err(|error| match format!("{error:#}") {
+            told if told.contains(&within(folder)) => anyhow!(without(folder, &told)),
+            _ => error,
+        })?;
         afford(&memory, "the scene and its tree".into(), PreparedScene::building_bytes(&scene))?;
         let prepared = PreparedScene::new(scene, &self.units.units)?;
         // All units have clones: what they need is computed once.
@@ -261,6 +265,16 @@ impl RenderBackend {
         self.jobs.forget(&start);
         self.cache.forget(&start);
     }
+}
+
+/// How paths within a folder begin.
+fn within(folder: &Path) -> String {
+    format!("{}/", folder.display())
+}
+
+/// An error that tells no one where the folder lies: paths within it are relative.
+fn without(folder: &Path, error: &str) -> String {
+    error.replace(&within(folder), "")
 }
 
 /// Bytes that a prepared scene takes.
@@ -384,7 +398,7 @@ fn triangles_read(
         return printed.trim().parse().context("the process that reads the scene prints no number");
     }
     match told.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
-        Some(error) => bail!("{}", error.replace(&format!("{}/", folder.display()), "")),
+        Some(error) => bail!(without(folder, error)),
         None => bail!("the process that reads the scene ended with {status}; the service goes on"),
     }
 }
