@@ -31,8 +31,9 @@ def output(program):
 class Package(unittest.TestCase):
     def test_its_wheel_is_small(self):
         files = [file for file in Path(rs.__file__).parent.rglob("*") if file.is_file() and file.suffix != ".pyc"]
-        # As a wheel holds them.
-        self.assertLess(sum(len(zlib.compress(file.read_bytes())) for file in files), 10e6)
+        # As a wheel holds them. Wheels for others (scripts/wheels) are below 10 MB; CI's shares its libraries with the
+        # program, and so has what only the service asks of them.
+        self.assertLess(sum(len(zlib.compress(file.read_bytes())) for file in files), 10.5e6)
 
     def test_its_import_is_quick(self):
         self.assertLess(min(float(output(IMPORTS)) for _ in range(5)), 50)

@@ -303,7 +303,12 @@ impl Scattering for BsdfShader {
         let coat = self.clear_coat(at, coat, wo);
         let (chosen, rest) = coat.choose(u);
         let below = self.sample_bare(at, wo, rest, u2);
-        coat.sample(chosen, u2, below, |wi| self.evaluate_below_coat(at, wo, wi))
+        let wi = coat.ways(chosen, u2, &below);
+        let mut value = (below.weight, below.pdf);
+        if chosen.any() {
+            value = self.evaluate_below_coat(at, wo, wi);
+        }
+        coat.sample(chosen, wi, &below, value)
     }
 
     fn starts_from_material(&self) -> bool {

@@ -63,26 +63,30 @@ impl<L: Lanes> ClearCoat<L> {
         (chosen, rest.clamp(0.0, BELOW_ONE))
     }
 
-    /// Samples of a coated surface. `below` are those of the BSDF below, `chosen` the lanes of [`ClearCoat::choose`],
-    /// and `evaluate` evaluates the BSDF below.
+    /// Directions of samples of a coated surface: the coat's in the `chosen` lanes of [`ClearCoat::choose`], in others
+    /// those of the BSDF below.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn ways(&self, chosen: Mask<L>, u2: [Num<L>; 2], below: &Scattered<L>) -> Vector<L> {
+        if chosen.none() {
+            return below.wi;
+        }
+        let normal = self.coat.facets.ggx.sample(self.wo, u2);
+        Vector::select(chosen, normal * (2.0 * self.wo.dot(normal)) - self.wo, below.wi)
+    }
+
+    /// Samples of a coated surface in these [directions](ClearCoat::ways). `below` are those of the BSDF below, and
+    /// `evaluated` is its value there; it counts in the `chosen` lanes.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(
         &self,
         chosen: Mask<L>,
-        u2: [Num<L>; 2],
-        below: Scattered<L>,
-        evaluate: impl FnOnce(Vector<L>) -> (Vector<L>, Num<L>),
+        wi: Vector<L>,
+        below: &Scattered<L>,
+        (value, density): (Vector<L>, Num<L>),
     ) -> Scattered<L> {
-        let (mut wi, mut value, mut pdf) = (below.wi, below.weight * below.pdf, below.pdf);
-        let mut valid = pdf.above(0.0);
-        if chosen.any() {
-            let normal = self.coat.facets.ggx.sample(self.wo, u2);
-            wi = Vector::select(chosen, normal * (2.0 * self.wo.dot(normal)) - self.wo, wi);
-            let (light, density) = evaluate(wi);
-            value = Vector::select(chosen, light, value);
-            pdf = Num::select(chosen, density, pdf);
-            valid = Mask::select(chosen, wi.z.above(0.0), valid);
-        }
+        let value = Vector::select(chosen, value, below.weight * below.pdf);
+        let pdf = Num::select(chosen, density, below.pdf);
+        let valid = Mask::select(chosen, wi.z.above(0.0), below.pdf.above(0.0));
         let (value, pdf) = self.evaluate(wi, (value, pdf));
         Scattered::evaluated(wi, (value, pdf.only(valid)))
     }
@@ -115,7 +119,8 @@ mod tests {
             assert!((0.0..1.0).contains(&rest.get()));
             let below = warp::cosine_hemisphere(u2);
             let below = Scattered::evaluated(below, white_paper(below));
-            let sample = coat.sample(chosen, u2, below, white_paper);
+            let wi = coat.ways(chosen, u2, &below);
+            let sample = coat.sample(chosen, wi, &below, white_paper(wi));
             if sample.pdf.get() > 0.0 {
                 sums[0] += f64::from(sample.weight.x.get());
             }

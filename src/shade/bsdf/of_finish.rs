@@ -44,7 +44,7 @@ impl<L: Lanes> FinishBsdf<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, u: Num<L>, [x, y]: [Num<L>; 2]) -> Scattered<L> {
         let Self { surface, wo, seen } = self;
-        let [u, x, y] = [u, x, y].map(|u| u.clamp(0.0, 1.0));
+        let [u, x, y] = [u.clamp(0.0, 1.0), x.clamp(0.0, 1.0), y.clamp(0.0, 1.0)];
         let sample = u.lanes().outlined(outlined::Sampling { surface, wo: *wo, u, u2: [x, y] });
         let there = sample.valid & *seen & !sample.specular;
         Scattered {

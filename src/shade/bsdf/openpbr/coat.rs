@@ -35,8 +35,10 @@ impl<L: Lanes> Coat<L> {
         let eta = self.interface.eta;
         let inner2 = 1.0 - (1.0 - z * z).clamp(0.0, 1.0) / (eta * eta);
         let power = 0.5 / inner2.clamp(1e-4, 1.0).sqrt();
-        let channel = |c: Num<L>| exponential::pow(c, power);
-        Vector::new(channel(self.colour.x), channel(self.colour.y), channel(self.colour.z)).clamp(0.0, 1.0)
+        let Vector { x, y, z } = self.colour;
+        let [red, green, blue] =
+            [exponential::pow(x, power), exponential::pow(y, power), exponential::pow(z, power)];
+        Vector::new(red, green, blue).clamp(0.0, 1.0)
     }
 
     /// Factor of light that the base scatters from one direction to another, for its absorption.

@@ -122,8 +122,8 @@ fn place<L: Lanes>(z: Num<L>) -> (Num<L>, Num<L>) {
 #[inline(always)]
 pub fn interpolated<L: Lanes, const N: usize>(curves: &[Curve<L>; N], z: Num<L>) -> [Num<L>; N] {
     let (node, way) = place(z);
-    let at = |node: Num<L>| hats((node * (1.0 / (NODES - 1) as f32)).squared());
-    let (mut weights, high) = (at(node), at(node + 1.0));
+    let part = 1.0 / (NODES - 1) as f32;
+    let (mut weights, high) = (hats((node * part).squared()), hats(((node + 1.0) * part).squared()));
     for (weight, high) in weights.iter_mut().zip(high) {
         *weight = weight.lerp(high, way);
     }

@@ -143,12 +143,17 @@ impl<L: Lanes> OpenPbr<L> {
         }
         let facets = facets(roughness, of.specular_anisotropy, smoothness.mirror_below);
         let (eta, normal) = modulated(relative, weight);
-        let film = of.film.map(|film| {
-            let ior = index(film.ior);
-            let eta =
-                of.coat.map_or(ior, |coat| under_coat(ior, &CoatParameters { ior: index(coat.ior), ..coat }));
-            Film { weight: share(film.weight), thickness: film.thickness.clamp(0.0, 1e3), ior, eta }
-        });
+        let film = match of.film {
+            Some(film) => {
+                let ior = index(film.ior);
+                let eta = match of.coat {
+                    Some(coat) => under_coat(ior, &CoatParameters { ior: index(coat.ior), ..coat }),
+                    None => ior,
+                };
+                Some(Film { weight: share(film.weight), thickness: film.thickness.clamp(0.0, 1e3), ior, eta })
+            }
+            None => None,
+        };
         let base = of.base.clamp(0.0, 1.0);
         let metal = Metal { f0: base, edge: of.specular_color.clamp(0.0, 1.0), weight: share(weight) };
         let (mut opaque, mut through, mut albedo) = (one - metalness, None, base);
@@ -161,20 +166,24 @@ impl<L: Lanes> OpenPbr<L> {
             albedo = albedo.lerp(white, weight_of);
             opaque *= one - weight_of;
         }
-        let coat = of.coat.map(|coat| {
-            let own = share(of.specular_roughness);
-            let dielectric = white * normal + albedo * (one - normal);
-            let below = Below {
-                albedo: dielectric.lerp(metal.at(one), metalness),
-                roughness: one.lerp(own, normal).lerp(own, metalness),
-            };
-            (Coat::of(&coat, smoothness.mirror_below), below)
-        });
+        let coat = match of.coat {
+            Some(coat) => {
+                let own = share(of.specular_roughness);
+                let dielectric = white * normal + albedo * (one - normal);
+                let below = Below {
+                    albedo: dielectric.lerp(metal.at(one), metalness),
+                    roughness: one.lerp(own, normal).lerp(own, metalness),
+                };
+                Some((Coat::of(&coat, smoothness.mirror_below), below))
+            }
+            None => None,
+        };
         let is_along =
             of.specular_anisotropy.is_some() || of.coat.is_some_and(|coat| coat.anisotropy.is_some());
-        let fuzz = of
-            .fuzz
-            .map(|fuzz| Fuzz::new(share(fuzz.weight), fuzz.color.clamp(0.0, 1.0), share(fuzz.roughness)));
+        let fuzz = match of.fuzz {
+            Some(of) => Some(Fuzz::new(share(of.weight), of.color.clamp(0.0, 1.0), share(of.roughness))),
+            None => None,
+        };
         Self {
             facets,
             metal,

@@ -57,46 +57,60 @@ impl<L: Lanes> Parameters<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn at(scene: &Scene, of: &scene::OpenPbr, at: &TexturePoint<L>) -> Self {
         let l = at.lanes();
-        let share = |of: &scene::Scalar| lookup::share(scene, of, at);
-        let colour = |of: &scene::Colour| lookup::albedo(scene, of, at);
         let given = [&of.base_metalness, &of.specular_roughness];
         let [base_metalness, specular_roughness] = lookup::shares(scene, given, at);
         let is_coat_anisotropic =
             |coat: &scene::OpenPbrCoat| of.specular_anisotropy.is_some() && coat.anisotropy.factor > 0.0;
         Self {
-            base: colour(&of.base_color) * share(&of.base_weight),
-            base_diffuse_roughness: share(&of.base_diffuse_roughness),
+            base: lookup::albedo(scene, &of.base_color, at) * lookup::share(scene, &of.base_weight, at),
+            base_diffuse_roughness: lookup::share(scene, &of.base_diffuse_roughness, at),
             base_metalness,
             specular_weight: lookup::scalar(scene, &of.specular_weight, at).clamp(0.0, f32::MAX),
-            specular_color: colour(&of.specular_color),
+            specular_color: lookup::albedo(scene, &of.specular_color, at),
             specular_roughness: at.footprint.roughened(specular_roughness),
             specular_anisotropy: match &of.specular_anisotropy {
-                Some(of) if of.strength.factor > 0.0 => Some(share(&of.strength)),
+                Some(of) if of.strength.factor > 0.0 => Some(lookup::share(scene, &of.strength, at)),
                 _ => None,
             },
             specular_ior: Num::splat(l, of.specular_ior),
             transmission: match of.transmission_weight.factor > 0.0 {
-                true => Some((share(&of.transmission_weight), colour(&of.transmission_color))),
+                true => Some((
+                    lookup::share(scene, &of.transmission_weight, at),
+                    lookup::albedo(scene, &of.transmission_color, at),
+                )),
                 false => None,
             },
-            coat: of.coat.as_ref().map(|coat| CoatParameters {
-                weight: share(&coat.weight),
-                color: colour(&coat.color),
-                roughness: at.footprint.roughened(share(&coat.roughness)),
-                anisotropy: is_coat_anisotropic(coat).then(|| share(&coat.anisotropy)),
-                ior: Num::splat(l, coat.ior),
-                darkening: Num::splat(l, coat.darkening),
-            }),
-            fuzz: of.fuzz.as_ref().map(|fuzz| FuzzParameters {
-                weight: share(&fuzz.weight),
-                color: colour(&fuzz.color),
-                roughness: share(&fuzz.roughness),
-            }),
-            film: of.thin_film.as_ref().map(|film| FilmParameters {
-                weight: share(&film.strength),
-                thickness: lookup::film_thickness(scene, film, at) * 1e-3,
-                ior: Num::splat(l, film.ior),
-            }),
+            coat: match &of.coat {
+                Some(coat) => Some(CoatParameters {
+                    weight: lookup::share(scene, &coat.weight, at),
+                    color: lookup::albedo(scene, &coat.color, at),
+                    roughness: at.footprint.roughened(lookup::share(scene, &coat.roughness, at)),
+                    anisotropy: if is_coat_anisotropic(coat) {
+                        Some(lookup::share(scene, &coat.anisotropy, at))
+                    } else {
+                        None
+                    },
+                    ior: Num::splat(l, coat.ior),
+                    darkening: Num::splat(l, coat.darkening),
+                }),
+                None => None,
+            },
+            fuzz: match &of.fuzz {
+                Some(fuzz) => Some(FuzzParameters {
+                    weight: lookup::share(scene, &fuzz.weight, at),
+                    color: lookup::albedo(scene, &fuzz.color, at),
+                    roughness: lookup::share(scene, &fuzz.roughness, at),
+                }),
+                None => None,
+            },
+            film: match &of.thin_film {
+                Some(film) => Some(FilmParameters {
+                    weight: lookup::share(scene, &film.strength, at),
+                    thickness: lookup::film_thickness(scene, film, at) * 1e-3,
+                    ior: Num::splat(l, film.ior),
+                }),
+                None => None,
+            },
             thin_walled: of.thin_walled,
         }
     }

@@ -73,7 +73,10 @@ impl<L: Lanes> OpenPbr<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         let curves = self.interface.curves();
-        let coat = self.coat.as_ref().map(|(coat, _)| coat.interface.curves());
+        let coat = match &self.coat {
+            Some((coat, _)) => Some(coat.interface.curves()),
+            None => None,
+        };
         self.smooth_of(wo, &self.facing(&curves, &coat, wo))
     }
 

@@ -82,8 +82,9 @@ impl<L: Lanes> Losses<L> {
         }
         // With any term the loss is between that of facets that pass all light and that of facets that reflect all.
         let (none, all) = (Num::zero(bare.lanes()), Num::splat(bare.lanes(), 1.0));
-        let even = |f: Num<L>| loss.of(&Schlick { f0: Vector::grey(f), f90: f });
-        bare.min(bare.lerp(even(none).min(even(all)), self.other))
+        let none = loss.of(&Schlick { f0: Vector::grey(none), f90: none });
+        let all = loss.of(&Schlick { f0: Vector::grey(all), f90: all });
+        bare.min(bare.lerp(none.min(all), self.other))
     }
 }
 
@@ -99,7 +100,10 @@ impl<L: Lanes> Through<L> {
         rough: Mask<L>,
     ) -> Self {
         let l = weight.lanes();
-        let leaving = outside.map_or(Mask::splat(l, false), |outside| !outside);
+        let leaving = match outside {
+            Some(outside) => !outside,
+            None => Mask::splat(l, false),
+        };
         let turns = (index - 1.0).abs().above(LEAST_TURN) | Mask::splat(l, outside.is_none());
         Self {
             weight,
@@ -204,7 +208,10 @@ impl<L: Lanes> Through<L> {
         let f0 = ((interface.eta - 1.0) / (interface.eta + 1.0)).squared();
         let fresnel = Schlick { f0: Vector::grey(f0), f90: one };
         let inside = self.leaving ^ !dense;
-        let film = interface.film.map_or(Num::zero(l), |film| film.weight);
+        let film = match &interface.film {
+            Some(film) => film.weight,
+            None => Num::zero(l),
+        };
         let losses = Losses { table, fresnel, other: film.max(covered), inside };
         let lost = losses.towards(wo.z, inside);
         let means = [losses.of(table.mean(inside)), losses.of(table.mean(!inside))];

@@ -48,22 +48,26 @@ impl<L: Lanes> OpenPbr<L> {
     pub(super) fn view(&self, wo: Vector<L>) -> View<L> {
         let one = Vector::grey(Num::splat(wo.lanes(), 1.0));
         let base = self.interface.curves();
-        let coat = self.coat.as_ref().map(|(coat, _)| coat.interface.curves());
+        let coat = match &self.coat {
+            Some((coat, _)) => Some(coat.interface.curves()),
+            None => None,
+        };
         let near = self.facing(&base, &coat, wo);
         let lost = self.facets.mean().deficit;
         let average = self.metal.average();
         let strength = (average * average * (1.0 - lost)).over(one - average * lost) * self.metalness;
         let strength = strength * self.kept[0];
-        let further = self.through.as_ref().filter(|through| through.frosted.any());
         let covered = match &self.coat {
             None => Num::zero(wo.lanes()),
             Some((coat, _)) => coat.weight,
         };
-        let further = further.map(|through| {
-            through
-                .further(&self.facets, &self.interface, covered, self.tint, wo)
-                .scaled(self.kept[0] * THROUGH_KEPT)
-        });
+        let further = match &self.through {
+            Some(through) if through.frosted.any() => {
+                let further = through.further(&self.facets, &self.interface, covered, self.tint, wo);
+                Some(further.scaled(self.kept[0] * THROUGH_KEPT))
+            }
+            _ => None,
+        };
         let mut passed = self.mean_passed(&base, &coat);
         // An index below 1 reflects all light from some cosine on. The tables do not resolve that step, so the base
         // gets less. So does a rough one, which sends more of its light where more passes.
@@ -131,7 +135,10 @@ impl<L: Lanes> OutlinedTask<L> for Towards<'_, L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Facing<L> {
         let Self { surface, base, coat, w } = self;
-        let fuzz = surface.fuzz.as_ref().map_or(Num::zero(l), |fuzz| fuzz.share(w.z));
+        let fuzz = match &surface.fuzz {
+            Some(fuzz) => fuzz.share(w.z),
+            None => Num::zero(l),
+        };
         let coat = match (&surface.coat, coat) {
             (Some((coat, _)), Some(curves)) => coat.share(curves, w),
             _ => Num::zero(l),
