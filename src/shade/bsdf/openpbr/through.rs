@@ -127,9 +127,10 @@ impl<L: Lanes> Through<L> {
         if self.thin {
             let once = Vector::select(total, white, interface.at(cosine));
             let power = 1.0 / far.max(Num::splat(l, 1e-3));
-            let channel = |c: Num<L>| exponential::pow(c, power);
-            let left = Vector::new(channel(self.tint.x), channel(self.tint.y), channel(self.tint.z));
-            let left = left.clamp(0.0, 1.0);
+            let Vector { x, y, z } = self.tint;
+            let [red, green, blue] =
+                [exponential::pow(x, power), exponential::pow(y, power), exponential::pow(z, power)];
+            let left = Vector::new(red, green, blue).clamp(0.0, 1.0);
             // The sum over all reflections between the two faces.
             let through = white - once;
             let back = once * left;
