@@ -98,6 +98,24 @@ fn under_coat<L: Lanes>(ior: Num<L>, coat: &CoatParameters<L>) -> Num<L> {
     ior.lerp(ratio.max(1.0 / ratio), coat.weight)
 }
 
+/// An index of refraction within its bounds.
+#[inline(always)]
+fn bounded<L: Lanes>(index: Num<L>) -> Num<L> {
+    index.clamp(MIN_INDEX, 1.0 / MIN_INDEX)
+}
+
+/// The film over the base.
+#[inline(always)]
+fn film_of<L: Lanes>(of: &Parameters<L>) -> Option<Film<L>> {
+    let Some(film) = of.film else { return None };
+    let ior = bounded(film.ior);
+    let eta = match of.coat {
+        Some(coat) => under_coat(ior, &CoatParameters { ior: bounded(coat.ior), ..coat }),
+        None => ior,
+    };
+    Some(Film { weight: film.weight.clamp(0.0, 1.0), thickness: film.thickness.clamp(0.0, 1e3), ior, eta })
+}
+
 /// GGX's alphas of a roughness and an anisotropy.
 #[inline(always)]
 fn alphas<L: Lanes>(roughness: Num<L>, anisotropy: Num<L>) -> [Num<L>; 2] {
@@ -128,14 +146,13 @@ impl<L: Lanes> OpenPbr<L> {
         let l = of.base.lanes();
         let (one, white) = (Num::splat(l, 1.0), Vector::grey(Num::splat(l, 1.0)));
         let share = |x: Num<L>| x.clamp(0.0, 1.0);
-        let index = |x: Num<L>| x.clamp(MIN_INDEX, 1.0 / MIN_INDEX);
         let metalness = share(of.base_metalness);
         let mut roughness = share(of.specular_roughness);
         let weight = of.specular_weight.clamp(0.0, f32::MAX);
-        let ior = index(of.specular_ior);
+        let ior = bounded(of.specular_ior);
         let mut relative = ior;
         if let Some(coat) = &of.coat {
-            let coat = CoatParameters { ior: index(coat.ior), weight: share(coat.weight), ..*coat };
+            let coat = CoatParameters { ior: bounded(coat.ior), weight: share(coat.weight), ..*coat };
             let (own, over) = (roughness.squared().squared(), share(coat.roughness).squared().squared());
             let rougher = (own + over * 2.0).clamp(0.0, 1.0).sqrt().sqrt();
             roughness = roughness.lerp(rougher, coat.weight);
@@ -143,17 +160,7 @@ impl<L: Lanes> OpenPbr<L> {
         }
         let facets = facets(roughness, of.specular_anisotropy, smoothness.mirror_below);
         let (eta, normal) = modulated(relative, weight);
-        let film = match of.film {
-            Some(film) => {
-                let ior = index(film.ior);
-                let eta = match of.coat {
-                    Some(coat) => under_coat(ior, &CoatParameters { ior: index(coat.ior), ..coat }),
-                    None => ior,
-                };
-                Some(Film { weight: share(film.weight), thickness: film.thickness.clamp(0.0, 1e3), ior, eta })
-            }
-            None => None,
-        };
+        let film = film_of(of);
         let base = of.base.clamp(0.0, 1.0);
         let metal = Metal { f0: base, edge: of.specular_color.clamp(0.0, 1.0), weight: share(weight) };
         let (mut opaque, mut through, mut albedo) = (one - metalness, None, base);
