@@ -11,6 +11,7 @@
 //!   translucent base. The opaque dielectric passes it to the diffuse base, the coat to the layers below.
 //!
 //! The shares E are those of the exact Fresnel term, with the film, as [`facet_albedo`] has them for any such term.
+#![allow(clippy::manual_map, reason = "closures are not inlined into kernels")]
 
 mod coat;
 mod eon;
@@ -107,7 +108,7 @@ fn bounded<L: Lanes>(index: Num<L>) -> Num<L> {
 /// The film over the base.
 #[inline(always)]
 fn film_of<L: Lanes>(of: &Parameters<L>) -> Option<Film<L>> {
-    let Some(film) = of.film else { return None };
+    let film = of.film?;
     let ior = bounded(film.ior);
     let eta = match of.coat {
         Some(coat) => under_coat(ior, &CoatParameters { ior: bounded(coat.ior), ..coat }),
