@@ -26,7 +26,7 @@ const SUMMED_AT_ONCE: usize = 4096;
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
     pub(super) tracers: &'a TreeTracers,
-    /// The first primitive id of each instance of a world, and the number of all.
+    /// The primitive ids of a world's instances; `None` for a mesh.
     pub(super) starts: Option<&'a InstanceStarts>,
     /// Subtracted from the caller's coordinates.
     pub(super) center: DVec3,

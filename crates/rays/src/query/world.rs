@@ -57,7 +57,7 @@ struct Instance {
 #[derive(Clone)]
 struct Built {
     tracers: TreeTracers,
-    /// The first primitive id of each instance in the tree, and the number of all. Those that cannot be hit have none.
+    /// The primitive ids of the instances in the tree. Those that cannot be hit have none.
     starts: InstanceStarts,
 }
 
@@ -444,12 +444,8 @@ impl World {
     }
 
     /// A hit by its primitive id in the tree.
-    fn hit(&self, &Hit { t, u, v, primitive }: &Hit) -> WorldHit {
-        if primitive == MISS {
-            return WorldHit::NONE;
-        }
-        let (first, instance) = self.built().starts.owner(primitive);
-        WorldHit { t, u, v, instance, primitive: primitive - first }
+    fn hit(&self, hit: &Hit) -> WorldHit {
+        self.target().world_hit(hit)
     }
 }
 
