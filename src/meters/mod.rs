@@ -2,7 +2,7 @@
 //! and Linux's clock frequencies.
 
 mod clock;
-#[cfg(feature = "nvml")]
+#[cfg_attr(not(feature = "nvml"), path = "no_nvml.rs")]
 mod nvml;
 mod processor;
 mod rapl;
@@ -20,7 +20,6 @@ use std::fmt;
 /// A machine's energy meters, with their counts when measuring started.
 pub struct Meters {
     processors: rapl::Meters,
-    #[cfg(feature = "nvml")]
     devices: nvml::Devices,
 }
 
@@ -33,19 +32,13 @@ impl fmt::Debug for Meters {
 impl Meters {
     /// Reads all meters of this machine. Meters that cannot be read are left out.
     pub fn start() -> Self {
-        Self {
-            processors: rapl::Meters::start(),
-            #[cfg(feature = "nvml")]
-            devices: nvml::Devices::start(),
-        }
+        Self { processors: rapl::Meters::start(), devices: nvml::Devices::start() }
     }
 
     /// Joules since the start, by meter: `package-0` is a whole processor, `package-0/dram` a part of that
     /// processor's energy, `gpu 0 (NAME)` a GPU with its memory. Empty without meters.
     pub fn joules(&self) -> BTreeMap<String, f64> {
-        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
         let mut joules = self.processors.joules();
-        #[cfg(feature = "nvml")]
         joules.extend(self.devices.joules());
         joules
     }

@@ -1,7 +1,6 @@
 //! Records clock frequencies and power over time (RA, Figure 5).
 
 use super::clock::Clock;
-#[cfg(feature = "nvml")]
 use super::nvml::Devices;
 use super::rapl;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -65,7 +64,6 @@ impl Recorder {
 struct Gauges {
     clock: Option<Clock>,
     processors: Vec<rapl::Power>,
-    #[cfg(feature = "nvml")]
     devices: Devices,
 }
 
@@ -74,7 +72,6 @@ impl Gauges {
         Self {
             clock: Clock::find(),
             processors: rapl::Meters::start().into_power(),
-            #[cfg(feature = "nvml")]
             devices: Devices::start(),
         }
     }
@@ -84,9 +81,7 @@ impl Gauges {
         let series = |name: &str, unit| Series { name: name.to_owned(), unit, points: Vec::new() };
         let clock = self.clock.iter().map(|_| series("cpu clock", "MHz"));
         let processors = self.processors.iter().map(|meter| series(&format!("{} power", meter.name()), "W"));
-        #[allow(unused_mut, reason = "there are GPUs to be read only in a build with NVML")]
         let mut all: Vec<Series> = clock.chain(processors).collect();
-        #[cfg(feature = "nvml")]
         for name in self.devices.names() {
             all.extend([series(&format!("{name} clock"), "MHz"), series(&format!("{name} power"), "W")]);
         }
@@ -96,14 +91,9 @@ impl Gauges {
     fn read(&mut self, now: Instant, series: &mut [Series]) {
         let clock = self.clock.iter().map(Clock::mhz);
         let processors = self.processors.iter_mut().map(|meter| meter.watts(now));
-        let numbers = clock.chain(processors);
-        #[cfg(feature = "nvml")]
-        let numbers = {
-            let devices = &self.devices;
-            let of = |index| [devices.mhz(index), devices.watts(index)];
-            numbers.chain((0..devices.names().len()).flat_map(of))
-        };
-        for (series, number) in series.iter_mut().zip(numbers) {
+        let of_device = |index| [self.devices.mhz(index), self.devices.watts(index)];
+        let devices = (0..self.devices.names().len()).flat_map(of_device);
+        for (series, number) in series.iter_mut().zip(clock.chain(processors).chain(devices)) {
             series.points.extend(number.map(|number| (now, number)));
         }
     }

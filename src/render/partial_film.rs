@@ -1,6 +1,6 @@
 //! Partial films: files of the sums of some of a frame's samples, which add up to the whole frame's in any order.
 
-use super::frame_layers::LayerRecord;
+use super::frame_layers::layer_record::LayerRecord;
 use super::summed::Summed;
 use super::{Frame, Identity, Part, Settings};
 use crate::film::{Film, FilmKind, Image, Picture, Region, take};

@@ -53,6 +53,8 @@ mod shared;
 mod srgb;
 mod studio;
 mod surface_field;
+#[cfg(feature = "formats")]
+mod surface_name;
 mod texture;
 mod texture_image;
 mod texture_point;
@@ -70,10 +72,6 @@ pub(crate) use camera_motion::unit_rotation;
 pub use camera_motion::{AnimatedNode, CameraMotion, Interpolate, Interpolation, Key, Track};
 pub use camera_path::{CameraPath, CameraPathError};
 pub use coat::{Coat, Coats};
-#[cfg(feature = "formats")]
-pub use coded_surface::SurfaceName;
-#[cfg(feature = "formats")]
-use coded_surface::option_texts;
 pub use coded_surface::{CodedSurface, GiveSurfaceError, NoSuchMaterial, SurfaceRequest};
 pub use effects::{Effects, Transmission};
 pub use environment::{Environment, EnvironmentMap};
@@ -105,6 +103,8 @@ pub use scattering::{Scattered, Scattering, ScatteringSurface};
 pub use scattering_report::{Direction, ScatteringFault, ScatteringReport};
 pub use shared::Shared;
 pub use surface_field::{FieldType, SurfaceField};
+#[cfg(feature = "formats")]
+pub use surface_name::SurfaceName;
 pub(crate) use texture::taps;
 pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 pub use texture_image::{TextureImage, TextureImageError, TextureUse};

@@ -3,10 +3,11 @@
 use super::openpbr::OpenPbrRecipe;
 use super::unique::unique;
 use super::within;
+use crate::scene::surface_name::option_texts;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission, Emission,
     Iridescence, Material, Medium, NormalMap, Principled, Scalar, Sheen, Surface, SurfaceName,
-    SurfaceRequest, TextureRef, option_texts,
+    SurfaceRequest, TextureRef,
 };
 use glam::Vec3;
 use serde::Deserialize;

@@ -43,9 +43,9 @@ pub use pattern::Pattern;
 pub use shape::Shape;
 pub use view::{ApertureRecipe, IntrinsicsRecipe, View};
 
+use super::surface_name::option_texts;
 use super::{
     ColourSpace, Environment, MAX_TRIANGLES, MeshError, MeshSize, NamedCamera, Scene, Texture, TextureRef,
-    option_texts,
 };
 use crate::memory::{MemoryBudget, OutOfMemory};
 use glam::Vec3;

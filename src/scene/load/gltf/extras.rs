@@ -1,7 +1,8 @@
 //! Words of a glTF file's `extras` to raystream.
 
 use super::super::warnings::Warnings;
-use crate::scene::{SurfaceName, SurfaceRequest, option_texts};
+use crate::scene::surface_name::option_texts;
+use crate::scene::{SurfaceName, SurfaceRequest};
 use ::gltf::Material as Source;
 use serde::Deserialize;
 use serde_json::Value;
