@@ -316,6 +316,7 @@ def rays(rows, _):
         ("raystream query", "embree", "`query`, Embree's fastest mode"),
         ("raystream service", "embree", "service, Embree's fastest mode"),
         ("raystream", "obvhs", "tracer, obvhs"),
+        ("raystream", "rtrt", "tracer, RTRT's method"),
     ]:
         of = ratios(unit, peer)
         if all(of.values()):

@@ -10,6 +10,7 @@ pub mod noise;
 mod order;
 pub mod pictures;
 pub mod rays;
+pub mod rtrt;
 pub mod schedule;
 pub mod shaders;
 pub mod small;

@@ -88,6 +88,7 @@ fn ratios(
         ("embree", beside(&|u| u.name.starts_with("embree"))),
         ("embree_robust", beside(&|u| u.name.starts_with("embree") && u.is_robust)),
         ("obvhs", beside(&|u| u.name == "obvhs")),
+        ("rtrt", beside(&|u| u.name == "rtrt")),
         ("scalar", beside(&|u| u.name == "scalar")),
         ("cpu", beside(&|u| u.name == "raystream").filter(|_| has_device)),
         ("one_thread", best(&alone).filter(|_| of.threads > 1)),

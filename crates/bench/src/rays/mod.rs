@@ -1,5 +1,5 @@
 //! `raystream bench rays`: the CPU tracer at each SIMD level, the service and `query`, beside the scalar reference,
-//! obvhs and Embree, and GPUs. All trace the same rays in one process, in interleaved rounds.
+//! obvhs, RTRT's own method ([`crate::rtrt`]) and Embree, and GPUs. All trace the same rays in one process, in interleaved rounds.
 //!
 //! # Fairness
 //! - Each contender gets its rays in the order in which it is fastest: before the rounds it traces each kind of ray
@@ -10,7 +10,7 @@
 //!   includes the memory of the answers.
 //! - A GPU has two rows: from rays to canonical hits, and its kernels alone, between timestamps of its own.
 //! - Scenes with alpha masks are traced with their alpha test by all: by Embree with filter functions that call the
-//!   same test. Contenders without an alpha test (`query`, obvhs) are left out there.
+//!   same test. Contenders without an alpha test (`query`, obvhs, RTRT) are left out there.
 
 mod agreement;
 mod contender;
@@ -24,6 +24,7 @@ pub use agreement::Agreement;
 pub use summary::{Summary, summarise};
 
 use super::embree::{BuildOptions, Device, Embree, EmbreeError, EmbreeScene, Mask};
+use super::rtrt::KdTree;
 use super::{Kind, Order, Spread, Workload};
 use contender::{Clock, InOrder};
 use peers::Obvhs;
@@ -72,7 +73,7 @@ pub struct Row {
     /// Millions of rays per second over the rounds.
     pub mray_per_s: Spread,
     /// Ratio of medians to each peer with as many threads: `embree` (its fastest mode), `embree_robust` (its fastest
-    /// robust mode), `obvhs`, `scalar`, and, where a GPU takes part, `cpu` (the CPU tracer's fastest level);
+    /// robust mode), `obvhs`, `rtrt`, `scalar`, and, where a GPU takes part, `cpu` (the CPU tracer's fastest level);
     /// and `one_thread`, the ratio to the same contender with one thread, where that was measured.
     pub ratio: BTreeMap<&'static str, f64>,
 }
@@ -122,6 +123,7 @@ pub fn run(
     let embree = embree.map(|embree| embree.device(threads)).transpose()?;
     let scenes = embree.as_ref().map_or(Ok(Vec::new()), |device| embree_scenes(prepared, device))?;
     let obvhs = prepared.filter.is_none().then(|| Obvhs::new(&prepared.bvh));
+    let rtrt = prepared.filter.is_none().then(|| KdTree::new(&prepared.bvh));
     let pool = |&threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
@@ -145,6 +147,7 @@ pub fn run(
             }
             with_these.extend(peers::embree(&scenes, kind, clock));
             with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
+            with_these.extend(rtrt.as_ref().map(|tree| peers::rtrt(tree, kind, clock)));
             contenders.extend(with_these.into_iter().enumerate());
         }
         // No host thread has a part in it.
@@ -201,7 +204,7 @@ mod tests {
     #[test]
     fn every_contender_gets_a_row_with_its_order_and_ratios() {
         let report = report("terrain:20");
-        assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 4));
+        assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 5));
         for row in &report.rows {
             let Spread { median, best, worst } = row.mray_per_s;
             assert!(0.0 < worst && worst <= median && median <= best);
@@ -221,7 +224,7 @@ mod tests {
         assert_eq!(report.rows.len(), 2 * 5 * (2 * SimdLevel::available().len() + 2));
         let units: Vec<&str> = report.rows.iter().map(|row| row.unit.as_str()).collect();
         assert!(units.contains(&"raystream service") && units.contains(&"scalar"));
-        assert!(!units.contains(&"raystream query") && !units.contains(&"obvhs"));
+        assert!(["raystream query", "obvhs", "rtrt"].iter().all(|unit| !units.contains(unit)));
         assert!(report.rows.iter().all(|row| row.alpha_test));
     }
 }

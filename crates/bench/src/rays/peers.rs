@@ -1,8 +1,9 @@
-//! Embree, obvhs and the scalar reference as contenders.
+//! Embree, obvhs, RTRT and the scalar reference as contenders.
 
 use super::Kind;
 use super::contender::{Clock, Contender};
 use crate::embree::{EmbreeRays, EmbreeScene, Mode};
+use crate::rtrt::{KdTree, Packet};
 use glam::Vec3A;
 use obvhs::cwbvh::CwBvh;
 use obvhs::triangle::Triangle;
@@ -16,6 +17,9 @@ use std::sync::Arc;
 /// Rays that a thread passes to Embree at a time. Embree takes them sixteen by sixteen, so a small number is as fast
 /// as a large one, and threads end together.
 const EMBREE_RAYS: usize = 1024;
+
+/// Packets that a thread traces at a time.
+const RTRT_PACKETS: usize = 256;
 
 /// Embree in each mode, on each of the scenes.
 pub fn embree<'a>(scenes: &'a [EmbreeScene<'_>], kind: Kind, clock: Clock<'a>) -> Vec<Contender<'a>> {
@@ -86,6 +90,20 @@ pub fn slow<'a>(
     let mut contenders = vec![one_by_one("scalar", scalar, clock)];
     contenders.extend(obvhs.map(|obvhs| one_by_one("obvhs", move |ray: &Ray| obvhs.trace(ray, any), clock)));
     contenders
+}
+
+/// The packets of RTRT. They are made before the clock starts.
+pub fn rtrt<'a>(tree: &'a KdTree, kind: Kind, clock: Clock<'a>) -> Contender<'a> {
+    let any = kind.is_any_hit();
+    let mut answers = Vec::new();
+    let round = move |rays: &Arc<[Ray]>| {
+        let packets: Vec<Packet> = rays.chunks(Packet::RAYS).map(Packet::new).collect();
+        answers.resize(packets.len(), [0.0; Packet::RAYS]);
+        let shares = packets.par_chunks(RTRT_PACKETS).zip(answers.par_chunks_mut(RTRT_PACKETS));
+        Ok(clock.seconds(|| shares.for_each(|(packets, answers)| tree.trace(packets, any, answers))))
+    };
+    let (name, threads) = ("rtrt".to_owned(), clock.threads());
+    Contender { name, threads, simd: None, is_robust: false, is_slow: true, round: Box::new(round) }
 }
 
 /// Traces rays one at a time.

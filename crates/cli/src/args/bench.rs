@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
     /// Trace camera, bounce and shadow rays: the CPU tracer at each SIMD level, the service and `query`, beside the
-    /// scalar reference, obvhs and, if its library is given, Embree 4. All trace the same rays in interleaved rounds,
-    /// each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
+    /// scalar reference, obvhs, the method of RTRT and, if its library is given, Embree 4. All trace the same rays in
+    /// interleaved rounds, each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
     Rays(BenchRaysArgs),
     /// Count what the rays of a scene visit in a GPU's walk, and in a plain walk of a binary tree, obvhs': nodes,
     /// triangles and bytes a ray, for camera rays and one bounce of each.

@@ -114,8 +114,8 @@ fn rays_of_several_scenes_are_measured_each_in_its_order() {
     assert!(text.contains("all rays with the alpha test"), "{text}");
     let report = json(&folder.path().join("b.json"));
     let rows = report["rows"].as_array().expect("rows");
-    // Per kind: tracer, single rays, query, service, reference, obvhs; with masks neither query nor obvhs.
-    for (scene, count) in [("terrain:20", 5 * 6), ("level:3", 5 * 6), ("leaves:30", 5 * 4)] {
+    // Per kind: tracer, single rays, query, service, reference, obvhs, RTRT; with masks no query, obvhs or RTRT.
+    for (scene, count) in [("terrain:20", 5 * 7), ("level:3", 5 * 7), ("leaves:30", 5 * 4)] {
         let rows: Vec<_> = rows.iter().filter(|row| row["scene"] == scene).collect();
         assert_eq!(rows.len(), count, "{scene}");
         for row in rows {
