@@ -1,8 +1,9 @@
-//! `raystream bench build`: the build of the tree beside Embree's builds of each quality, of the same triangles, in one
-//! process, in interleaved rounds.
+//! `raystream bench build`: the build of the tree beside Embree's builds of each quality and tinybvh's, of the same
+//! triangles, in one process, in interleaved rounds. tinybvh builds with all cores, so it takes part where as many
+//! threads are asked for.
 
-use super::Spread;
-use super::embree::{BuildOptions, Embree, EmbreeError, Quality};
+use super::embree::{BuildOptions, Quality};
+use super::{PeerError, Peers, Spread, tinybvh};
 use glam::Vec3;
 use raystream::bvh::Bvh;
 use serde::Serialize;
@@ -50,23 +51,23 @@ struct Built {
 }
 
 /// A builder's name, and the function that builds once.
-type Unit<'a> = (String, Box<dyn FnMut() -> Result<Built, EmbreeError> + 'a>);
+type Unit<'a> = (String, Box<dyn FnMut() -> Result<Built, PeerError> + 'a>);
 
 /// Measures every builder.
 ///
 /// # Errors
-/// When Embree reports one.
+/// When a peer reports one.
 pub fn run(
     positions: &[Vec3],
     triangles: &[[u32; 3]],
-    embree: Option<&Embree>,
+    peers: Peers<'_>,
     options: &Options,
-) -> Result<Vec<Row>, EmbreeError> {
+) -> Result<Vec<Row>, PeerError> {
     let mut rows = Vec::new();
     for &threads in &options.threads {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
-        let device = embree.map(|embree| embree.device(threads)).transpose()?;
+        let device = peers.embree.map(|embree| embree.device(threads)).transpose()?;
         let ours = || {
             let start = Instant::now();
             let bvh = pool.install(|| Bvh::build(positions, triangles, |_| false));
@@ -95,6 +96,16 @@ pub fn run(
             };
             units.push((name, Box::new(theirs)));
         }
+        let has_all_cores = std::thread::available_parallelism().is_ok_and(|cores| cores.get() == threads);
+        for library in peers.tinybvh.filter(|_| has_all_cores) {
+            for options in tinybvh::BuildOptions::ALL {
+                let theirs = move || {
+                    let tree = library.build(positions, triangles, options)?;
+                    Ok(Built { seconds: tree.build_s, bytes: tree.bytes(), peak_bytes: None, cost: None })
+                };
+                units.push((library.name(options), Box::new(theirs)));
+            }
+        }
         rows.extend(measure(units, triangles.len(), threads, options.rounds)?);
     }
     Ok(rows)
@@ -106,7 +117,7 @@ fn measure(
     triangles: usize,
     threads: usize,
     rounds: usize,
-) -> Result<Vec<Row>, EmbreeError> {
+) -> Result<Vec<Row>, PeerError> {
     let mut seconds = vec![Vec::new(); units.len()];
     let mut last = Vec::new();
     for round in 0..=rounds {
@@ -145,7 +156,7 @@ mod tests {
     fn without_embree_there_is_a_row_for_each_number_of_threads() {
         let (positions, triangles) = raystream::scene::generate::terrain(20);
         let options = Options { rounds: 3, threads: vec![1, 2] };
-        let rows = run(&positions, &triangles, None, &options).expect("no Embree asked for");
+        let rows = run(&positions, &triangles, Peers::default(), &options).expect("no libraries to fail");
         assert_eq!(rows.iter().map(|row| row.threads).collect::<Vec<_>>(), [1, 1, 2, 2]);
         for row in &rows {
             let Spread { median, best, worst } = row.seconds;

@@ -1,11 +1,12 @@
 //! `raystream bench small`: calls that bring few rays. Every way to ask [`Mesh`] for closest hits, beside Embree's
-//! `rtcIntersect1`, in one process, in interleaved rounds.
+//! `rtcIntersect1` and tinybvh, in one process, in interleaved rounds.
 //!
 //! Calls are made from a thread outside of any pool, as a program that picks or collides does. Those that divide their
-//! rays use rayon's global pool. Embree's rays are in its layout before the clock starts.
+//! rays use rayon's global pool. The rays of peers are in their layouts before the clock starts.
 
-use super::embree::{BuildOptions, Embree, EmbreeError, EmbreeRays, EmbreeScene, Mode};
-use super::{Kind, Order, Spread, Workload};
+use super::embree::{self, EmbreeRays, EmbreeScene, Mode};
+use super::tinybvh::{BuildOptions, TinyBvhRays, TinyBvhTree};
+use super::{Kind, Order, PeerError, Peers, Spread, Workload};
 use glam::Vec3;
 use raystream::query::Mesh;
 use raystream::stream::{Hit, Ray, Tracer};
@@ -36,7 +37,7 @@ pub struct Row {
     /// The kind of ray.
     pub kind: Kind,
     /// The contender.
-    pub unit: &'static str,
+    pub unit: String,
     /// Number of rays a call.
     pub rays_a_call: usize,
     /// Threads that a call may use.
@@ -54,7 +55,7 @@ type Calls<'a> = Box<dyn FnMut(&[Ray], usize) -> f64 + 'a>;
 type Trace<'a> = Box<dyn Fn(&[Ray], &mut [Hit]) + 'a>;
 
 struct Contender<'a> {
-    unit: &'static str,
+    unit: String,
     threads: usize,
     calls: Calls<'a>,
 }
@@ -62,23 +63,27 @@ struct Contender<'a> {
 /// Measures every contender with every number of rays a call.
 ///
 /// # Errors
-/// When Embree reports one.
+/// When a peer reports one.
 pub fn run(
     mesh: &Mesh,
     workload: &Workload,
-    embree: Option<&Embree>,
+    peers: Peers<'_>,
     (positions, triangles): (&[Vec3], &[[u32; 3]]),
     options: &Options,
-) -> Result<Vec<Row>, EmbreeError> {
-    let device = embree.map(|embree| embree.device(1)).transpose()?;
-    let build = BuildOptions { robust: true, ..BuildOptions::default() };
+) -> Result<Vec<Row>, PeerError> {
+    let device = peers.embree.map(|embree| embree.device(1)).transpose()?;
+    let build = embree::BuildOptions { robust: true, ..embree::BuildOptions::default() };
     let scene = device.as_ref().map(|device| device.build(positions, triangles, None, build)).transpose()?;
+    let trees = peers.tinybvh.iter().flat_map(|library| BuildOptions::ALL.map(|options| (library, options)));
+    let trees: Vec<TinyBvhTree<'_>> = trees
+        .map(|(library, options)| library.build(positions, triangles, options))
+        .collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
     for (kind, order) in [(Kind::Bounce, Order::Blocks), (Kind::ShuffledBounce, Order::Shuffled)] {
         let rays = workload.rays(kind, order);
         for &len in &options.rays_a_call {
             let count = LEAST_RAYS.max(LEAST_CALLS * len).div_ceil(len) * len;
-            let mut contenders = contenders(mesh, scene.as_ref());
+            let mut contenders = contenders(mesh, scene.as_ref(), &trees);
             let (turns, mut seconds) = (contenders.len(), vec![Vec::new(); contenders.len()]);
             for round in 0..=options.rounds {
                 for (i, (contender, seconds)) in contenders.iter_mut().zip(&mut seconds).enumerate() {
@@ -92,20 +97,31 @@ pub fn run(
                     }
                 }
             }
-            rows.extend(contenders.iter().zip(seconds).map(|(&Contender { unit, threads, .. }, call_ns)| {
+            rows.extend(contenders.iter().zip(seconds).map(|(Contender { unit, threads, .. }, call_ns)| {
                 let call_ns = Spread::of_times(call_ns);
-                Row { kind, unit, rays_a_call: len, threads, call_ns, ray_ns: call_ns.median / len as f64 }
+                Row {
+                    kind,
+                    unit: unit.clone(),
+                    rays_a_call: len,
+                    threads: *threads,
+                    call_ns,
+                    ray_ns: call_ns.median / len as f64,
+                }
             }));
         }
     }
     Ok(rows)
 }
 
-fn contenders<'a>(mesh: &'a Mesh, scene: Option<&'a EmbreeScene<'_>>) -> Vec<Contender<'a>> {
+fn contenders<'a>(
+    mesh: &'a Mesh,
+    scene: Option<&'a EmbreeScene<'_>>,
+    trees: &'a [TinyBvhTree<'_>],
+) -> Vec<Contender<'a>> {
     let (bvh, stream) = (mesh.bvh(), mesh.tracer());
     let single = SingleRayTracer::new(bvh.clone(), None, stream.simd()).expect("the mesh has the level");
     let threads = rayon::current_num_threads();
-    let by_slices = |unit, threads, trace: Trace<'a>| {
+    let by_slices = |unit: &str, threads, trace: Trace<'a>| {
         let calls = move |rays: &[Ray], len: usize| {
             let mut hits = vec![Hit::NONE; len];
             let start = Instant::now();
@@ -115,7 +131,7 @@ fn contenders<'a>(mesh: &'a Mesh, scene: Option<&'a EmbreeScene<'_>>) -> Vec<Con
             }
             start.elapsed().as_secs_f64()
         };
-        Contender { unit, threads, calls: Box::new(calls) }
+        Contender { unit: unit.to_owned(), threads, calls: Box::new(calls) }
     };
     let one_by_one = |rays: &[Ray], hits: &mut [Hit]| {
         hits.iter_mut().zip(rays).for_each(|(hit, ray)| *hit = mesh.closest_one(ray));
@@ -136,7 +152,23 @@ fn contenders<'a>(mesh: &'a Mesh, scene: Option<&'a EmbreeScene<'_>>) -> Vec<Con
             black_box(calls);
             seconds
         };
-        Contender { unit: "embree single, robust", threads: 1, calls: Box::new(calls) }
+        Contender { unit: "embree single, robust".to_owned(), threads: 1, calls: Box::new(calls) }
+    }));
+    contenders.extend(trees.iter().map(|tree| {
+        let calls = move |rays: &[Ray], len: usize| {
+            let room = |rays: &[Ray]| {
+                let mut room = tree.library().rays(rays.len()).expect("memory for rays");
+                room.set(rays);
+                room
+            };
+            let mut calls: Vec<TinyBvhRays<'_>> = rays.chunks_exact(len).map(room).collect();
+            let start = Instant::now();
+            calls.iter_mut().for_each(|rays| tree.trace(rays, false));
+            let seconds = start.elapsed().as_secs_f64();
+            black_box(calls);
+            seconds
+        };
+        Contender { unit: tree.name(), threads: 1, calls: Box::new(calls) }
     }));
     contenders
 }
@@ -155,7 +187,7 @@ mod tests {
         let workload = Workload::new(&scene, mesh.bvh(), mesh.tracer(), &camera, (16, 16)).expect("a view");
         let options = Options { rounds: 1, rays_a_call: vec![1, 48] };
         let geometry = (&scene.mesh.positions[..], &scene.mesh.triangles[..]);
-        let rows = run(&mesh, &workload, None, geometry, &options).expect("no Embree to fail");
+        let rows = run(&mesh, &workload, Peers::default(), geometry, &options).expect("no libraries to fail");
         assert_eq!(rows.len(), 2 * 2 * 4);
         assert!(rows.iter().all(|row| row.call_ns.best > 0.0 && row.ray_ns > 0.0));
     }

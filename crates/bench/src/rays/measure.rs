@@ -87,6 +87,7 @@ fn ratios(
     let peers = [
         ("embree", beside(&|u| u.name.starts_with("embree"))),
         ("embree_robust", beside(&|u| u.name.starts_with("embree") && u.is_robust)),
+        ("tinybvh", beside(&|u| u.name.starts_with("tinybvh"))),
         ("obvhs", beside(&|u| u.name == "obvhs")),
         ("rtrt", beside(&|u| u.name == "rtrt")),
         ("scalar", beside(&|u| u.name == "scalar")),

@@ -4,6 +4,8 @@
 //! # Fairness
 //! - Each contender gets its rays in the order in which it is fastest: before the rounds it traces each kind of ray
 //!   in every [`Order`] that suits the kind.
+//! - tinybvh ([`crate::tinybvh`]) is represented by its fastest tree of three: eight children with AVX2, with and
+//!   without spatial splits, and four with SSE. It traces single rays.
 //! - Embree is represented by its fastest mode (single rays, packets of sixteen, packets flagged as coherent) for each
 //!   kind of ray. Rays are converted to its layouts before the clock starts.
 //! - Users get rays from the service or from `query`, so these have rows beside the bare tracer's. Their time
@@ -23,11 +25,10 @@ mod summary;
 pub use agreement::Agreement;
 pub use summary::{Summary, summarise};
 
-use super::embree::{BuildOptions, Device, Embree, EmbreeError, EmbreeScene, Mask};
-use super::rtrt::KdTree;
-use super::{Kind, Order, Spread, Workload};
+use super::embree::{BuildOptions, Device, EmbreeError, EmbreeScene, Mask};
+use super::{Kind, Order, PeerError, Peers, Spread, Workload};
 use contender::{Clock, InOrder};
-use peers::Obvhs;
+use peers::PeersOfOpaque;
 use raystream::engine::PreparedScene;
 use raystream::lanes::SimdLevel;
 use raystream::schedule::{Service, ServiceError, ServiceOptions};
@@ -73,7 +74,7 @@ pub struct Row {
     /// Millions of rays per second over the rounds.
     pub mray_per_s: Spread,
     /// Ratio of medians to each peer with as many threads: `embree` (its fastest mode), `embree_robust` (its fastest
-    /// robust mode), `obvhs`, `rtrt`, `scalar`, and, where a GPU takes part, `cpu` (the CPU tracer's fastest level);
+    /// robust mode), `tinybvh` (its fastest tree), `obvhs`, `rtrt`, `scalar`, and, where a GPU takes part, `cpu` (the CPU tracer's fastest level);
     /// and `one_thread`, the ratio to the same contender with one thread, where that was measured.
     pub ratio: BTreeMap<&'static str, f64>,
 }
@@ -97,9 +98,9 @@ impl Report {
 /// Error of the measurement.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// Embree reports an error.
+    /// A peer reports an error.
     #[error(transparent)]
-    Embree(#[from] EmbreeError),
+    Peer(#[from] PeerError),
     /// The GPU is lost.
     #[error(transparent)]
     Device(#[from] DeviceError),
@@ -111,19 +112,19 @@ pub enum BenchError {
 /// Measures every contender on every kind of ray, and the scene's GPU if it has one.
 ///
 /// # Errors
-/// When Embree reports one, a GPU is lost or threads cannot be started.
+/// When a peer reports one, a GPU is lost or threads cannot be started.
 pub fn run(
     prepared: &PreparedScene,
     workload: &Workload,
-    embree: Option<&Embree>,
+    peers: Peers<'_>,
     options: &Options,
 ) -> Result<Report, BenchError> {
     let mut report = Report::default();
     let threads = options.threads.iter().copied().max().unwrap_or(1);
-    let embree = embree.map(|embree| embree.device(threads)).transpose()?;
-    let scenes = embree.as_ref().map_or(Ok(Vec::new()), |device| embree_scenes(prepared, device))?;
-    let obvhs = prepared.filter.is_none().then(|| Obvhs::new(&prepared.bvh));
-    let rtrt = prepared.filter.is_none().then(|| KdTree::new(&prepared.bvh));
+    let embree = peers.embree.map(|embree| embree.device(threads)).transpose().map_err(PeerError::from)?;
+    let scenes = embree.as_ref().map_or(Ok(Vec::new()), |device| embree_scenes(prepared, device));
+    let scenes = scenes.map_err(PeerError::from)?;
+    let peers = prepared.filter.is_none().then(|| PeersOfOpaque::new(prepared, peers)).transpose()?;
     let pool = |&threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools: Result<Vec<_>, _> = options.threads.iter().map(pool).collect();
     let pools = pools.expect("threads can be started");
@@ -146,8 +147,8 @@ pub fn run(
                 with_these.push(device::contender(&**device, kind, clock));
             }
             with_these.extend(peers::embree(&scenes, kind, clock));
-            with_these.extend(peers::slow(prepared, obvhs.as_ref(), kind, clock));
-            with_these.extend(rtrt.as_ref().map(|tree| peers::rtrt(tree, kind, clock)));
+            with_these.push(peers::scalar(prepared, kind, clock));
+            with_these.extend(peers.iter().flat_map(|peers| peers.contenders(kind, clock)));
             contenders.extend(with_these.into_iter().enumerate());
         }
         // No host thread has a part in it.
@@ -198,7 +199,7 @@ mod tests {
         let workload =
             Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, (64, 48));
         let options = Options { rounds: 2, threads: vec![1, 2], ..Options::default() };
-        run(&prepared, &workload.expect("a view"), None, &options).expect("no Embree asked for")
+        run(&prepared, &workload.expect("a view"), Peers::default(), &options).expect("no libraries to fail")
     }
 
     #[test]

@@ -1,9 +1,11 @@
-//! Embree, obvhs, RTRT and the scalar reference as contenders.
+//! Embree, tinybvh, obvhs, RTRT and the scalar reference as contenders.
 
 use super::Kind;
 use super::contender::{Clock, Contender};
 use crate::embree::{EmbreeRays, EmbreeScene, Mode};
 use crate::rtrt::{KdTree, Packet};
+use crate::tinybvh::{BuildOptions, TinyBvhRays, TinyBvhTree};
+use crate::{PeerError, Peers};
 use glam::Vec3A;
 use obvhs::cwbvh::CwBvh;
 use obvhs::triangle::Triangle;
@@ -14,21 +16,18 @@ use raystream::stream::Ray;
 use raystream::trace::cpu::Oracle;
 use std::sync::Arc;
 
-/// Rays that a thread passes to Embree at a time. Embree takes them sixteen by sixteen, so a small number is as fast
-/// as a large one, and threads end together.
-const EMBREE_RAYS: usize = 1024;
-
-/// Packets that a thread traces at a time.
-const RTRT_PACKETS: usize = 256;
+/// Rays that a thread passes to a library at a time. Embree takes them sixteen by sixteen and tinybvh one by one, so a
+/// small number is as fast as a large one, and threads end together.
+const SHARE: usize = 1024;
 
 /// Embree in each mode, on each of the scenes.
 pub fn embree<'a>(scenes: &'a [EmbreeScene<'_>], kind: Kind, clock: Clock<'a>) -> Vec<Contender<'a>> {
     let contender = |scene: &'a EmbreeScene<'_>, mode: Mode| {
         let mut shares: Vec<EmbreeRays> = Vec::new();
         let round = move |rays: &Arc<[Ray]>| {
-            let count = rays.len().div_ceil(EMBREE_RAYS);
+            let count = rays.len().div_ceil(SHARE);
             shares.resize_with(count, || EmbreeRays::new(&[], mode));
-            shares.iter_mut().zip(rays.chunks(EMBREE_RAYS)).for_each(|(share, rays)| share.set(rays));
+            shares.iter_mut().zip(rays.chunks(SHARE)).for_each(|(share, rays)| share.set(rays));
             let shares = shares.par_iter_mut().with_max_len(1);
             Ok(clock.seconds(|| shares.for_each(|rays| scene.trace(rays, kind.is_any_hit()))))
         };
@@ -75,35 +74,74 @@ impl Obvhs {
     }
 }
 
-/// The scalar reference and obvhs.
-pub fn slow<'a>(
-    prepared: &PreparedScene,
-    obvhs: Option<&'a Obvhs>,
-    kind: Kind,
-    clock: Clock<'a>,
-) -> Vec<Contender<'a>> {
-    let oracle = Oracle::new(prepared.bvh.clone(), prepared.filter.clone());
-    let any = kind.is_any_hit();
-    let scalar = move |ray: &Ray| {
-        if any { oracle.occluded_one(ray).into() } else { oracle.closest_one(ray).t }
+/// Peers without an alpha test, with trees of their own over a scene's triangles.
+pub struct PeersOfOpaque<'a> {
+    tinybvh: Vec<TinyBvhTree<'a>>,
+    obvhs: Obvhs,
+    rtrt: KdTree,
+}
+
+impl<'a> PeersOfOpaque<'a> {
+    /// Builds their trees.
+    pub fn new(prepared: &PreparedScene, peers: Peers<'a>) -> Result<Self, PeerError> {
+        let mesh = &prepared.scene.mesh;
+        let mut tinybvh = Vec::new();
+        for library in peers.tinybvh {
+            for options in BuildOptions::ALL {
+                tinybvh.push(library.build(&mesh.positions, &mesh.triangles, options)?);
+            }
+        }
+        Ok(Self { tinybvh, obvhs: Obvhs::new(&prepared.bvh), rtrt: KdTree::new(&prepared.bvh) })
+    }
+
+    /// All of them.
+    pub fn contenders<'s>(&'s self, kind: Kind, clock: Clock<'s>) -> Vec<Contender<'s>> {
+        let any = kind.is_any_hit();
+        let mut contenders: Vec<_> = self.tinybvh.iter().map(|tree| tinybvh(tree, any, clock)).collect();
+        contenders.push(one_by_one("obvhs", move |ray: &Ray| self.obvhs.trace(ray, any), clock));
+        contenders.push(rtrt(&self.rtrt, any, clock));
+        contenders
+    }
+}
+
+/// tinybvh's traversal, which takes single rays. They are in its layout before the clock starts.
+fn tinybvh<'a>(tree: &'a TinyBvhTree<'_>, any: bool, clock: Clock<'a>) -> Contender<'a> {
+    let mut shares: Vec<TinyBvhRays<'_>> = Vec::new();
+    let round = move |rays: &Arc<[Ray]>| {
+        let lengths = rays.chunks(SHARE).map(<[Ray]>::len);
+        if !shares.iter().map(TinyBvhRays::len).eq(lengths.clone()) {
+            let room = |length| tree.library().rays(length).expect("memory for rays");
+            shares = lengths.map(room).collect();
+        }
+        shares.iter_mut().zip(rays.chunks(SHARE)).for_each(|(share, rays)| share.set(rays));
+        let shares = shares.par_iter_mut().with_max_len(1);
+        Ok(clock.seconds(|| shares.for_each(|rays| tree.trace(rays, any))))
     };
-    let mut contenders = vec![one_by_one("scalar", scalar, clock)];
-    contenders.extend(obvhs.map(|obvhs| one_by_one("obvhs", move |ray: &Ray| obvhs.trace(ray, any), clock)));
-    contenders
+    let (name, threads) = (tree.name(), clock.threads());
+    Contender { name, threads, simd: None, is_robust: false, is_slow: false, round: Box::new(round) }
 }
 
 /// The packets of RTRT. They are made before the clock starts.
-pub fn rtrt<'a>(tree: &'a KdTree, kind: Kind, clock: Clock<'a>) -> Contender<'a> {
-    let any = kind.is_any_hit();
+fn rtrt<'a>(tree: &'a KdTree, any: bool, clock: Clock<'a>) -> Contender<'a> {
     let mut answers = Vec::new();
     let round = move |rays: &Arc<[Ray]>| {
         let packets: Vec<Packet> = rays.chunks(Packet::RAYS).map(Packet::new).collect();
         answers.resize(packets.len(), [0.0; Packet::RAYS]);
-        let shares = packets.par_chunks(RTRT_PACKETS).zip(answers.par_chunks_mut(RTRT_PACKETS));
+        let share = SHARE / Packet::RAYS;
+        let shares = packets.par_chunks(share).zip(answers.par_chunks_mut(share));
         Ok(clock.seconds(|| shares.for_each(|(packets, answers)| tree.trace(packets, any, answers))))
     };
     let (name, threads) = ("rtrt".to_owned(), clock.threads());
     Contender { name, threads, simd: None, is_robust: false, is_slow: true, round: Box::new(round) }
+}
+
+/// The scalar reference.
+pub fn scalar<'a>(prepared: &PreparedScene, kind: Kind, clock: Clock<'a>) -> Contender<'a> {
+    let oracle = Oracle::new(prepared.bvh.clone(), prepared.filter.clone());
+    let any = kind.is_any_hit();
+    let trace =
+        move |ray: &Ray| if any { oracle.occluded_one(ray).into() } else { oracle.closest_one(ray).t };
+    one_by_one("scalar", trace, clock)
 }
 
 /// Traces rays one at a time.

@@ -16,7 +16,7 @@ mod units;
 pub use bench::{
     BenchAdaptiveArgs, BenchBuildArgs, BenchCommand, BenchFrameArgs, BenchGpuArgs, BenchLatencyArgs,
     BenchLiveArgs, BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs,
-    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, EmbreeArgs, PeerArgs, SceneView, ShotArgs,
+    BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, LibraryArgs, PeerArgs, SceneView, ShotArgs,
 };
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;

@@ -12,11 +12,11 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let scene = generate::scene(&args.scene)?;
     let TriangleMesh { positions, triangles, .. } = &*scene.mesh;
     let options = build::Options { rounds: args.peers.rounds as usize, threads: args.peers.thread_counts() };
-    let embree = args.peers.embree.load()?;
-    let rows = build::run(positions, triangles, embree.as_ref(), &options)?;
+    let libraries = args.peers.libraries.load()?;
+    let rows = build::run(positions, triangles, libraries.peers(), &options)?;
     stdout_line!("{} triangles", triangles.len());
     stdout_line!(
-        "{:<24} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",
+        "{:<36} {:>7} {:>9} {:>9} {:>9} {:>10} {:>10} {:>8}  ratio to medium",
         "builder",
         "threads",
         "ms",
@@ -29,7 +29,7 @@ pub fn run(args: &BenchBuildArgs) -> Result<()> {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
     for row in &rows {
         stdout_line!(
-            "{:<24} {:>7} {:>9.1} {:>9.1} {:>9.1} {:>10.1} {:>10} {:>8}  {}",
+            "{:<36} {:>7} {:>9.1} {:>9.1} {:>9.1} {:>10.1} {:>10} {:>8}  {}",
             row.unit,
             row.threads,
             row.seconds.median * 1e3,

@@ -1,17 +1,35 @@
-//! The peer that a user brings: Embree's shared library.
+//! The peers that a user brings: shared libraries of Embree and tinybvh.
 //!
-//! Unsafe code for loading it. Invariant 1: the user names a library that is Embree 4 and that they want to run, as
-//! the help of `--embree` says.
-#![allow(unsafe_code, reason = "loads a foreign library; the invariant above")]
+//! Unsafe code for loading them. Invariant 1: the user names libraries that are what the help of the options says and
+//! that they want to run.
+#![allow(unsafe_code, reason = "loads foreign libraries; the invariant above")]
 
-use super::super::args::{EmbreeArgs, PeerArgs};
-use raystream_bench::embree::{Embree, EmbreeError};
+use super::super::args::{LibraryArgs, PeerArgs};
+use raystream_bench::embree::Embree;
+use raystream_bench::tinybvh::TinyBvh;
+use raystream_bench::{PeerError, Peers};
 
-impl EmbreeArgs {
-    /// Loads Embree, if its library is given.
-    pub fn load(&self) -> Result<Option<Embree>, EmbreeError> {
+/// The libraries that are given, loaded.
+pub struct Libraries {
+    embree: Option<Embree>,
+    tinybvh: Option<TinyBvh>,
+}
+
+impl LibraryArgs {
+    /// Loads the libraries that are given.
+    pub fn load(&self) -> Result<Libraries, PeerError> {
         // SAFETY: invariant 1.
-        self.embree.as_deref().map(|library| unsafe { Embree::load(library) }).transpose()
+        let embree = self.embree.as_deref().map(|library| unsafe { Embree::load(library) }).transpose()?;
+        // SAFETY: invariant 1.
+        let tinybvh = self.tinybvh.as_deref().map(|library| unsafe { TinyBvh::load(library) }).transpose()?;
+        Ok(Libraries { embree, tinybvh })
+    }
+}
+
+impl Libraries {
+    /// Those that take part in a measurement.
+    pub fn peers(&self) -> Peers<'_> {
+        Peers { embree: self.embree.as_ref(), tinybvh: self.tinybvh.as_ref() }
     }
 }
 

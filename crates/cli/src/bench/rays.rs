@@ -8,9 +8,8 @@ use raystream::engine::{UnitChoice, Units};
 use raystream::lanes::SimdLevel;
 use raystream::scene::Camera;
 use raystream::schedule::Unit;
-use raystream_bench::Workload;
-use raystream_bench::embree::Embree;
 use raystream_bench::rays::{Agreement, Options, Report, Row, Summary, run as measure, summarise};
+use raystream_bench::{Peers, Workload};
 use serde::Serialize;
 
 /// Contenders whose ratios are summarised.
@@ -24,7 +23,7 @@ struct Sheet<'a> {
     rows: Vec<SceneRow<'a, Row>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     agreement: Vec<SceneRow<'a, Agreement>>,
-    /// Over all scenes, where there are several and Embree takes part.
+    /// Over all scenes, where there are several, beside the libraries that take part.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     summary: &'a [Summary],
 }
@@ -39,13 +38,13 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let levels = if asked.is_empty() { SimdLevel::available() } else { asked };
     let (rounds, threads) = (args.peers.rounds as usize, args.peers.thread_counts());
     let options = Options { rounds, threads, levels, ..Options::default() };
-    let embree = args.peers.embree.load()?;
+    let libraries = args.peers.libraries.load()?;
     let mut reports = Vec::new();
     for view in &args.scenes {
         if printing::is_unread() && args.peers.json.is_none() {
             return Ok(());
         }
-        let report = one_scene(view, args, &units, embree.as_ref(), &options)?;
+        let report = one_scene(view, args, &units, libraries.peers(), &options)?;
         print(view, &report);
         if let (Some(adapter), false) = (&args.adapter, report.has_kernel_times()) {
             stdout_line!(
@@ -57,7 +56,7 @@ pub fn run(args: &BenchRaysArgs) -> Result<()> {
     let rows: Vec<(&str, &[Row])> = reports.iter().map(|(scene, report)| (&**scene, &*report.rows)).collect();
     let mut summary = Vec::new();
     if rows.len() > 1 {
-        let peers = ["embree", "embree_robust"];
+        let peers = ["embree", "embree_robust", "tinybvh"];
         summary.extend(peers.into_iter().flat_map(|peer| summarise(&rows, peer)));
         summary.retain(|summary| SUMMARISED.contains(&&*summary.unit));
         print_summary(&summary);
@@ -73,7 +72,7 @@ fn one_scene(
     view: &SceneView,
     args: &BenchRaysArgs,
     units: &Units,
-    embree: Option<&Embree>,
+    peers: Peers<'_>,
     options: &Options,
 ) -> Result<Report> {
     let prepared = open(&view.scene, units)?;
@@ -83,7 +82,7 @@ fn one_scene(
     let camera = view.camera(&args.camera, prepared.scene.camera, framed);
     let workload =
         Workload::new(&prepared.scene, &prepared.bvh, &*prepared.tracers.host, &camera, args.size)?;
-    Ok(measure(&prepared, &workload, embree, options)?)
+    Ok(measure(&prepared, &workload, peers, options)?)
 }
 
 /// The scene's name in reports.

@@ -22,11 +22,11 @@ pub fn run(args: &BenchSmallArgs) -> Result<()> {
         rounds: args.rounds as usize,
         rays_a_call: args.rays_a_call.iter().map(|&rays| rays as usize).collect(),
     };
-    let embree = args.embree.load()?;
-    let rows = measure(&mesh, &workload, embree.as_ref(), (positions, triangles), &options)?;
+    let libraries = args.libraries.load()?;
+    let rows = measure(&mesh, &workload, libraries.peers(), (positions, triangles), &options)?;
     stdout_line!("{} triangles", triangles.len());
     stdout_line!(
-        "{:<16} {:<24} {:>7} {:>11} {:>12} {:>12} {:>12} {:>9}",
+        "{:<16} {:<36} {:>7} {:>11} {:>12} {:>12} {:>12} {:>9}",
         "rays",
         "unit",
         "threads",
@@ -38,7 +38,7 @@ pub fn run(args: &BenchSmallArgs) -> Result<()> {
     );
     for row in &rows {
         stdout_line!(
-            "{:<16} {:<24} {:>7} {:>11} {:>12.0} {:>12.0} {:>12.0} {:>9.1}",
+            "{:<16} {:<36} {:>7} {:>11} {:>12.0} {:>12.0} {:>12.0} {:>9.1}",
             row.kind.name(),
             row.unit,
             row.threads,
