@@ -19,6 +19,7 @@ mod frame_layers;
 mod gathered;
 mod hit_shader;
 mod integrator;
+mod media;
 mod part;
 #[cfg(feature = "formats")]
 mod partial_film;

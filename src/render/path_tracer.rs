@@ -2,13 +2,14 @@
 
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
+use super::media::Walking;
 use super::passing::{Following, Passing, are_of_light, have_passed};
 use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, ends_of, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
-use crate::scene::{BlockFinishes, Camera};
+use crate::scene::{BlockFinishes, Camera, Medium};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
@@ -22,7 +23,7 @@ use crate::stream::Ray;
 pub const ROULETTE_BOUNCES: u32 = 2;
 
 /// Maximum number of bounces.
-const MAX_BOUNCES: u32 = 1 << 10;
+pub(super) const MAX_BOUNCES: u32 = 1 << 10;
 
 const _: () = assert!(MAX_BOUNCES < DEPTH && FACING_SHIFT + Receiver::<Plain<8>>::FACING_BITS <= 32);
 
@@ -99,7 +100,8 @@ impl PathTracer {
     /// A path tracer for one frame. After `roulette_bounces` bounces paths may end by Russian roulette, which does not
     /// bias; `None` leaves it out. A path survives with probability 4·T·η², at least 0.02 and at most 1, where T is the
     /// greatest channel of its throughput and η the index of refraction of the medium that it is in, relative to the
-    /// medium in which it began. `docs/lab/noise.md` compares other rules.
+    /// medium in which it began. `docs/lab/noise.md` compares other rules. In media that scatter light, scatterings
+    /// count as bounces for the roulette, and for nothing else.
     ///
     /// # Errors
     /// When a setting is out of range.
@@ -111,6 +113,13 @@ impl PathTracer {
     ) -> Result<Self, SettingsError> {
         Self::of(PathShader::new(roulette_bounces), scene, camera, settings)
     }
+}
+
+/// The chance of surviving a roulette.
+#[cfg_attr(not(unoptimised), inline(always))]
+pub(super) fn survival<L: Lanes>(throughput: Vector<L>, index2: Num<L>) -> Num<L> {
+    let energy = throughput.max_element() * index2;
+    (energy * SURVIVAL_PER_ENERGY).clamp(MIN_SURVIVAL, 1.0)
 }
 
 /// Weight of a sample of density `pdf` beside another technique of density `other` (Veach's power
@@ -278,10 +287,15 @@ impl Shading<'_, '_> {
         let t = hits.t;
         let (origin, direction) = rays_of(&self.batch, ids);
         let cone = state.cone.at(t);
+        let mut lanes = lanes;
         let mut at = Interaction::without_finish(scene, material, direction, &hits, cone.width);
         at.set_finish(scene, material, finishes);
         if let Some(medium) = &material.medium {
-            state.throughput = state.throughput * medium::passed(medium, &at, t);
+            if medium.scatters() {
+                lanes = self.walk((number, medium), &at, (origin, direction, t), &mut state, lanes);
+            } else {
+                state.throughput = state.throughput * medium::passed(medium, &at, t);
+            }
         }
         let lanes = self.pass(number, &at, (&state, cone), ids, lanes);
         frame.add_first_hits_on(number, &at, state.pixel, lanes & state.depth.is(0));
@@ -314,7 +328,7 @@ impl Shading<'_, '_> {
             None => &material.surface,
             Some(one) => &one.surface,
         };
-        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::EXACT);
+        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::IN_MEDIA);
         let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
@@ -325,6 +339,34 @@ impl Shading<'_, '_> {
         }
         let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
+    }
+
+    /// Scatters light on its way through the medium of a material, or takes it to the surface. Returns the lanes whose
+    /// rays meet the surface.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn walk<L: Lanes>(
+        &mut self,
+        (number, medium): (u32, &Medium),
+        at: &Interaction<L>,
+        (origin, direction, t): (Vector<L>, Vector<L>, Num<L>),
+        state: &mut States<L>,
+        lanes: Mask<L>,
+    ) -> Mask<L> {
+        let inside = lanes & !at.outside & !are_of_light(state);
+        if inside.none() {
+            return lanes;
+        }
+        let (sampler, of, roulette) = (self.sampler(state), *state, self.shader.roulette_bounces);
+        let out = &mut *self.out;
+        let walking =
+            Walking { out, sampler, medium, origin, direction, t, state: of, lanes: inside, roulette };
+        let (scattered, throughput) = t.lanes().outlined(walking);
+        if self.frame.has_features() {
+            let met = scattered & !state.seeks.is(0);
+            self.frame.add_features_on(number, at, state.pixel, state.throughput, met);
+        }
+        state.throughput = throughput;
+        lanes & !scattered
     }
 
     /// Lets rays pass a surface of computed opacity; rays that follow light end where they do not. Returns the lanes
@@ -445,8 +487,7 @@ impl Shading<'_, '_> {
         if let Some(bounces) = self.shader.roulette_bounces {
             let played = !depth.below(bounces.saturating_add(1)) & lanes;
             if played.any() {
-                let energy = throughput.max_element() * index2;
-                let survival = (energy * SURVIVAL_PER_ENERGY).clamp(MIN_SURVIVAL, 1.0);
+                let survival = survival(throughput, index2);
                 let dies = !sampler.one(Dimension::Roulette.at(state.depth)).lt(survival);
                 lanes &= !(played & dies);
                 throughput = Vector::select(played, throughput * (1.0 / survival), throughput);
@@ -502,7 +543,7 @@ impl HitShader for PathShader {
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
     fn splats(&self, max_bounces: u32) -> u64 {
-        // At each depth one splat of emission and one of a light sample.
+        // At each depth one splat of emission and one of a light sample. Scatterings in media splat nothing.
         2 * (u64::from(max_bounces) + 2)
     }
 

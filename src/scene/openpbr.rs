@@ -4,8 +4,9 @@ use super::{Anisotropy, Colour, Iridescence, Scalar, TextureRef, index_for_chann
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// The surface of OpenPBR 1.1 (Academy Software Foundation 2025, *OpenPBR Surface specification*) without scattering
-/// inside of bodies. Fields have the specification's names, meanings and ranges. Colours are linear Rec. 709.
+/// The surface of OpenPBR 1.1 (Academy Software Foundation 2025, *OpenPBR Surface specification*). Fields have the
+/// specification's names, meanings and ranges. Colours are linear Rec. 709. What is inside of its body is the material's
+/// [`super::Medium`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpenPbr {
     /// `base_weight`, 0..=1: a factor of `base_color`.
@@ -35,6 +36,8 @@ pub struct OpenPbr {
     /// 20 × `transmission_dispersion_scale` / `transmission_dispersion_abbe_number`, ≥ 0, as
     /// [`super::Principled::dispersion`].
     pub dispersion: f32,
+    /// The subsurface; none if its weight is 0.
+    pub subsurface: Option<OpenPbrSubsurface>,
     /// The coat; none if its weight is 0.
     pub coat: Option<OpenPbrCoat>,
     /// The fuzz; none if its weight is 0.
@@ -43,6 +46,19 @@ pub struct OpenPbr {
     pub thin_film: Option<Iridescence>,
     /// `geometry_thin_walled`: true if the surface is a thin wall, which light passes straight on.
     pub thin_walled: bool,
+}
+
+/// A share of the opaque base into which light diffuses. It comes out again after it was scattered in the material's
+/// medium, for which [`super::Medium::reflecting`] takes the radii.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OpenPbrSubsurface {
+    /// `subsurface_weight`: share of the opaque dielectric base, 0..=1.
+    pub weight: Scalar,
+    /// `subsurface_color`, 0..=1: what a thin wall scatters, and what renderers show that do not scatter light in media.
+    /// Otherwise the medium decides.
+    pub color: Vec3,
+    /// `subsurface_scatter_anisotropy`, −1..=1: which side a thin wall scatters light to.
+    pub anisotropy: f32,
 }
 
 /// A layer of dielectric over the base, which absorbs light.
@@ -79,6 +95,7 @@ impl OpenPbr {
     pub(super) fn textures(&self) -> impl Iterator<Item = (&'static str, TextureRef)> {
         let of = |scalar: &Scalar| scalar.texture.map(|(texture, _)| texture);
         let (coat, fuzz, film) = (self.coat.as_ref(), self.fuzz.as_ref(), self.thin_film.as_ref());
+        let subsurface = self.subsurface.as_ref();
         let grooves = self.specular_anisotropy.as_ref();
         let read = [
             ("base-weight", of(&self.base_weight)),
@@ -94,6 +111,7 @@ impl OpenPbr {
             ),
             ("transmission-weight", of(&self.transmission_weight)),
             ("transmission-color", self.transmission_color.texture),
+            ("subsurface-weight", subsurface.and_then(|subsurface| of(&subsurface.weight))),
             ("coat-weight", coat.and_then(|coat| of(&coat.weight))),
             ("coat-color", coat.and_then(|coat| coat.color.texture)),
             ("coat-roughness", coat.and_then(|coat| of(&coat.roughness))),
@@ -125,6 +143,7 @@ impl Default for OpenPbr {
             transmission_weight: zero,
             transmission_color: Colour::constant(Vec3::ONE),
             dispersion: 0.0,
+            subsurface: None,
             coat: None,
             fuzz: None,
             thin_film: None,

@@ -20,8 +20,14 @@ pub fn base_colour<L: Lanes>(scene: &Scene, material: &Material, at: &Interactio
         }
         Surface::Principled(surface) => lookup::albedo(scene, &surface.base_colour, &at.texture),
         Surface::OpenPbr(surface) => {
-            lookup::albedo(scene, &surface.base_color, &at.texture)
-                * lookup::share(scene, &surface.base_weight, &at.texture)
+            let base = lookup::albedo(scene, &surface.base_color, &at.texture)
+                * lookup::share(scene, &surface.base_weight, &at.texture);
+            match &surface.subsurface {
+                Some(of) => {
+                    base.lerp(Vector::splat(l, of.color), lookup::share(scene, &of.weight, &at.texture))
+                }
+                None => base,
+            }
         }
         Surface::Dielectric { transmittance, .. } => {
             Vector::splat(l, transmittance.clamp(Vec3::ZERO, Vec3::ONE))

@@ -3,7 +3,7 @@
 use crate::document::Document;
 use crate::folder::warns;
 use glam::Vec3;
-use raystream::scene::{OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scene, Surface};
+use raystream::scene::{Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scene, Surface};
 use serde_json::{Value, json};
 
 fn scene(material: Value) -> Scene {
@@ -60,6 +60,73 @@ fn ratified_layers_stay_beside_drafts_and_give_way_to_their_successors() {
     let newer = openpbr(json!({ "extensions": newer }));
     assert_eq!(newer.coat.map(|coat| (coat.weight.factor, coat.ior)), Some((1.0, 1.75)));
     assert!(newer.fuzz.is_none());
+}
+
+/// A material of glTF's volume, with an extension.
+fn body(name: &str, extension: &Value, surface: &Value) -> Scene {
+    let mut extensions = json!({ "KHR_materials_volume": { "thicknessFactor": 1.0, "attenuationDistance": 0.5,
+        "attenuationColor": [0.5, 0.25, 0.125] } });
+    extensions[name] = extension.clone();
+    for (name, body) in surface.as_object().expect("extensions") {
+        extensions[name] = body.clone();
+    }
+    scene(json!({ "extensions": extensions }))
+}
+
+#[test]
+fn scattering_drafts_make_a_medium() {
+    let glass = json!({ "KHR_materials_transmission": { "transmissionFactor": 1.0 } });
+    let extinction = -Vec3::new(0.5f32, 0.25, 0.125).map(f32::ln) / 0.5;
+    let colour = Vec3::new(0.8, 0.6, 0.4);
+    let milk = json!({ "scatterStrengthFactor": 0.5, "multiscatterColorFactor": [0.8, 0.6, 0.4],
+        "scatterAnisotropy": 0.25 });
+    let milk = body("KHR_materials_scatter", &milk, &glass);
+    assert!(milk.warnings.len() == 1 && warns(&milk, &["Drafts", "2026", "scatter"]), "{:?}", milk.warnings);
+    let near = |found: Option<Medium>, colour: Vec3, anisotropy: f32| {
+        let (found, expected) =
+            (found.expect("a medium"), Medium::of_extinction(extinction, colour, anisotropy));
+        let off =
+            (found.absorption - expected.absorption).abs() + (found.scattering - expected.scattering).abs();
+        assert!(off.max_element() < 1e-5 && found.anisotropy == anisotropy, "{found:?}, not {expected:?}");
+        assert!(found.scatters());
+    };
+    near(milk.materials[0].medium, colour * 0.5, 0.25);
+    let Surface::OpenPbr(surface) = milk.materials[0].surface else { panic!("OpenPBR") };
+    assert!(
+        surface.subsurface.is_none() && surface.transmission_weight.factor == 1.0 && !surface.thin_walled
+    );
+    // The older draft, with diffuse transmission.
+    let older = json!({ "multiscatterColor": [0.8, 0.6, 0.4], "scatterAnisotropy": 0.25 });
+    let leaf = json!({ "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 0.75 } });
+    let wax = body("KHR_materials_volume_scatter", &older, &leaf);
+    assert!(wax.warnings.len() == 1 && warns(&wax, &["Drafts", "volume_scatter"]), "{:?}", wax.warnings);
+    near(wax.materials[0].medium, colour, 0.25);
+    let Surface::OpenPbr(surface) = wax.materials[0].surface else { panic!("OpenPBR") };
+    let subsurface = surface.subsurface.expect("a subsurface");
+    assert_eq!((subsurface.weight.factor, subsurface.color), (0.75, colour));
+    // Without the strength that is 0 by default, the medium is that of KHR_materials_volume.
+    let clear = body("KHR_materials_scatter", &json!({ "scatterAnisotropy": 2.0 }), &glass);
+    assert!(warns(&clear, &["scatterAnisotropy is 2", "-1 to 1"]), "{:?}", clear.warnings);
+    assert!(clear.materials[0].medium.is_some_and(|medium| !medium.scatters()));
+}
+
+#[test]
+fn scattering_drafts_make_thin_walls_diffuse() {
+    let paper = json!({ "scatterStrengthFactor": 0.5, "multiscatterColorFactor": [0.8, 0.6, 0.4],
+        "scatterAnisotropy": -0.5 });
+    let surface = openpbr(json!({ "extensions": { "KHR_materials_scatter": paper.clone(),
+        "KHR_materials_transmission": { "transmissionFactor": 0.8 } } }));
+    // Of the light, 0.2 is reflected diffusely, 0.4 transmitted and 0.4 scattered.
+    assert!((surface.transmission_weight.factor - 0.4).abs() < 1e-6 && surface.thin_walled);
+    let subsurface = surface.subsurface.expect("a subsurface");
+    assert!((subsurface.weight.factor * 0.6 - 0.4).abs() < 1e-6, "{subsurface:?}");
+    assert_eq!((subsurface.color, subsurface.anisotropy), (Vec3::new(0.8, 0.6, 0.4), -0.5));
+    let opaque = scene(json!({ "extensions": { "KHR_materials_scatter": paper } }));
+    assert!(
+        warns(&opaque, &["KHR_materials_scatter", "KHR_materials_transmission"]),
+        "{:?}",
+        opaque.warnings
+    );
 }
 
 #[test]

@@ -133,7 +133,10 @@ fn damage_material(which: usize, scene: &mut Scene, random: &mut Random) -> Opti
             })
         }
         2 => material.alpha.value.factor = odd,
-        3 => material.medium = Some(Medium { absorption: Vec3::splat(odd) }),
+        3 => {
+            let (absorption, scattering) = (Vec3::splat(odd), Vec3::splat(odd));
+            material.medium = Some(Medium { absorption, scattering, anisotropy: odd });
+        }
         4 => {
             let texture = TextureRef { scale: Vec2::splat(odd), ..TextureRef::plain(index) };
             material.normal_map = Some(NormalMap { texture, scale: 1.0 });

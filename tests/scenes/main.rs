@@ -121,7 +121,10 @@ fn materials() -> Vec<Material> {
         Material { normal_map: Some(map), ..of("layered", Surface::Principled(layered)) },
         of("matte", Surface::Matte { reflectance: Colour { vertex: true, ..textured } }),
         of("mirror", Surface::Mirror { reflectance: Colour::constant(Vec3::splat(0.9)) }),
-        Material { medium: Some(Medium { absorption: Vec3::splat(0.1) }), ..of("glass", glass) },
+        Material {
+            medium: Some(Medium { absorption: Vec3::splat(0.1), ..Medium::default() }),
+            ..of("glass", glass)
+        },
         Material { emission: Some(emission), ..Material::matte("lamp", Vec3::ZERO) },
         of("mix", Surface::Mix(0)),
         of("mix of mixes", Surface::Mix(1)),

@@ -9,7 +9,8 @@ use raystream::lanes::{Num, SingleLane};
 use raystream::render::{PathTracer, Settings};
 use raystream::scene::{
     Anisotropy, Camera, Colour, DiffuseTransmission, Emission, Footprint, Iridescence, Mipmap, OpenPbr,
-    OpenPbrCoat, OpenPbrFuzz, Principled, Scalar, Scene, Sheen, Surface, Texture, TextureRef,
+    OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Principled, Scalar, Scene, Sheen, Surface, Texture,
+    TextureRef,
 };
 use raystream::schedule::{JobOptions, Service, TaskKind};
 use serde::Serialize;
@@ -225,6 +226,7 @@ impl Means<'_> {
             color: self.colour(of.color),
             roughness: self.scalar(of.roughness),
         };
+        let subsurface = |of: OpenPbrSubsurface| OpenPbrSubsurface { weight: self.scalar(of.weight), ..of };
         OpenPbr {
             base_weight: self.scalar(of.base_weight),
             base_color: self.colour(of.base_color),
@@ -236,6 +238,7 @@ impl Means<'_> {
             specular_anisotropy: of.specular_anisotropy.map(|of| self.anisotropy(of)),
             transmission_weight: self.scalar(of.transmission_weight),
             transmission_color: self.colour(of.transmission_color),
+            subsurface: of.subsurface.map(subsurface),
             coat: of.coat.map(coat),
             fuzz: of.fuzz.map(fuzz),
             thin_film: of.thin_film.map(|of| self.film(of)),

@@ -10,6 +10,7 @@ mod filters;
 mod finish_calls;
 pub mod harness;
 mod layers;
+mod media;
 mod parts;
 mod path;
 mod pictures;

@@ -3,8 +3,8 @@
 use super::{Encode, Encoder, encode_fields};
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Colour, ColourSpace, DiffuseTransmission,
-    Emission, Iridescence, Material, Medium, Mix, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Principled,
-    Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
+    Emission, Iridescence, Material, Medium, Mix, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz,
+    OpenPbrSubsurface, Principled, Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
 };
 
 encode_fields!(TextureRef { texture, set, offset, rotation, scale });
@@ -13,7 +13,7 @@ encode_fields!(Scalar { factor, texture });
 encode_fields!(Emission { radiance, two_sided, is_light });
 encode_fields!(NormalMap { texture, scale });
 encode_fields!(Alpha { mode, value, vertex });
-encode_fields!(Medium { absorption });
+encode_fields!(Medium { absorption, scattering, anisotropy });
 encode_fields!(Mix { of, share });
 encode_fields!(Coat { weight, ior, roughness, tint });
 encode_fields!(Anisotropy { strength, rotation, direction });
@@ -41,6 +41,7 @@ encode_fields!(Principled {
     dispersion
 });
 encode_fields!(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening });
+encode_fields!(OpenPbrSubsurface { weight, color, anisotropy });
 encode_fields!(OpenPbrFuzz { weight, color, roughness });
 encode_fields!(OpenPbr {
     base_weight,
@@ -55,6 +56,7 @@ encode_fields!(OpenPbr {
     transmission_weight,
     transmission_color,
     dispersion,
+    subsurface,
     coat,
     fuzz,
     thin_film,

@@ -5,8 +5,8 @@ use crate::lanes::Lanes;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
     Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mipmap,
-    Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Points, Principled, Procedural,
-    ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
+    Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Points, Principled,
+    Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -111,7 +111,10 @@ fn every_field_of_a_material_counts() {
         Alpha::default(),
         Alpha { mode: AlphaMode::Blend, value: textured(1.0), vertex: true }
     );
-    each_field_counts!(Medium { absorption: Vec3::ONE }, Medium { absorption: Vec3::X });
+    each_field_counts!(
+        Medium::default(),
+        Medium { absorption: Vec3::X, scattering: Vec3::ONE, anisotropy: 0.5 }
+    );
     each_field_counts!(Mix { of: [1, 2], share: textured(0.5) }, Mix { of: [2, 1], share: textured(0.25) });
     each_field_counts!(Coat::CLEAR, Coat { weight: 0.5, ior: 1.25, roughness: 0.5, tint: Vec3::X });
     let anisotropy = Anisotropy { strength: textured(1.0), rotation: 0.0, direction: None };
@@ -165,6 +168,11 @@ fn every_parameter_of_openpbr_counts() {
     let anisotropy = Anisotropy { strength: textured, rotation: 0.5, direction: None };
     let film =
         Iridescence { strength: textured, ior: 1.5, thickness_nm: [100.0, 400.0], thickness_texture: None };
+    let subsurface = OpenPbrSubsurface { weight: Scalar::constant(0.5), color: Vec3::ONE, anisotropy: 0.0 };
+    each_field_counts!(
+        subsurface,
+        OpenPbrSubsurface { weight: textured, color: Vec3::splat(0.5), anisotropy: 0.5 }
+    );
     each_field_counts!(
         OpenPbr::default(),
         OpenPbr {
@@ -180,6 +188,7 @@ fn every_parameter_of_openpbr_counts() {
             transmission_weight: textured,
             transmission_color: colour(0.5),
             dispersion: 0.5,
+            subsurface: Some(subsurface),
             coat: Some(OpenPbrCoat::default()),
             fuzz: Some(OpenPbrFuzz::default()),
             thin_film: Some(film),
@@ -213,7 +222,7 @@ fn every_part_of_a_material_counts() {
             emission: Some(emission),
             normal_map: Some(bumps),
             alpha: Alpha { mode: AlphaMode::Blend, ..Alpha::default() },
-            medium: Some(Medium { absorption: Vec3::ONE }),
+            medium: Some(Medium::default()),
         } except { name: "another".into() }
     );
 }

@@ -242,6 +242,9 @@ impl MaterialRecipe {
         if let (Some(emission), Some(texture)) = (&mut emission, textures.emission) {
             emission.radiance.texture = Some(texture.reference);
         }
+        if self.absorption.is_some() && self.openpbr.is_some_and(|of| of.scatters()) {
+            return Err("it has both absorption and a medium of openpbr that scatters light; keep one".into());
+        }
         let medium = match (&self.absorption, &self.openpbr) {
             (Some(absorption), _) => absorption.medium()?,
             (None, openpbr) => openpbr.as_ref().and_then(OpenPbrRecipe::medium),

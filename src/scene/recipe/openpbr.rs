@@ -2,7 +2,8 @@
 
 use super::within;
 use crate::scene::{
-    Anisotropy, Colour, Iridescence, Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scalar, TextureRef,
+    Anisotropy, Colour, Iridescence, Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Scalar,
+    TextureRef,
 };
 use glam::{Mat3, Vec3};
 use serde::Deserialize;
@@ -13,8 +14,6 @@ use serde::Deserialize;
 /// "varnish": { "openpbr": { "base-color": [0.3, 0.15, 0.06], "base-diffuse-roughness": 0.4, "coat-weight": 1,
 ///                           "coat-color": [0.9, 0.7, 0.5] } }
 /// ```
-///
-/// Scattering inside of bodies (`subsurface-…`, `transmission-scatter`) is not supported.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct OpenPbrRecipe {
@@ -42,12 +41,26 @@ pub struct OpenPbrRecipe {
     pub transmission_weight: f32,
     /// 0..=1
     pub transmission_color: Vec3,
-    /// World units, 0..=10⁶; 0 tints the surface, more makes an absorbing medium.
+    /// World units, 0..=10⁶; 0 tints the surface, more makes a medium.
     pub transmission_depth: f32,
+    /// 0..=1: the medium's scattering coefficient times `transmission-depth`.
+    pub transmission_scatter: Vec3,
+    /// −1..=1: the mean cosine of the angle by which the medium deflects light.
+    pub transmission_scatter_anisotropy: f32,
     /// 0..=1
     pub transmission_dispersion_scale: f32,
     /// 1..=1000
     pub transmission_dispersion_abbe_number: f32,
+    /// 0..=1: share of the opaque base into which light diffuses.
+    pub subsurface_weight: f32,
+    /// 0..=1: share of the light that enters and comes out again. A material's texture does not multiply it.
+    pub subsurface_color: Vec3,
+    /// Mean free path of light in the body, in world units, 0..=10⁶. One below 10⁻⁵ counts as 10⁻⁵.
+    pub subsurface_radius: f32,
+    /// 0..=1: factors of the mean free path.
+    pub subsurface_radius_scale: Vec3,
+    /// −1..=1: the mean cosine of the angle by which the medium deflects light.
+    pub subsurface_scatter_anisotropy: f32,
     /// 0..=1
     pub coat_weight: f32,
     /// 0..=1
@@ -98,8 +111,15 @@ impl Default for OpenPbrRecipe {
             transmission_weight: 0.0,
             transmission_color: Vec3::ONE,
             transmission_depth: 0.0,
+            transmission_scatter: Vec3::ZERO,
+            transmission_scatter_anisotropy: 0.0,
             transmission_dispersion_scale: 0.0,
             transmission_dispersion_abbe_number: 20.0,
+            subsurface_weight: 0.0,
+            subsurface_color: Vec3::splat(0.8),
+            subsurface_radius: 1.0,
+            subsurface_radius_scale: Vec3::new(1.0, 0.5, 0.25),
+            subsurface_scatter_anisotropy: 0.0,
             coat_weight: 0.0,
             coat_color: Vec3::ONE,
             coat_roughness: 0.0,
@@ -119,6 +139,9 @@ impl Default for OpenPbrRecipe {
         }
     }
 }
+
+/// The least mean free path of a subsurface.
+const LEAST_RADIUS: f32 = 1e-5;
 
 /// The space in which colours are given, with the names of OpenColorIO's configurations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -168,6 +191,10 @@ impl OpenPbrRecipe {
             ("specular-ior", self.specular_ior, 0.1, 10.0),
             ("transmission-weight", self.transmission_weight, 0.0, 1.0),
             ("transmission-depth", self.transmission_depth, 0.0, 1e6),
+            ("transmission-scatter-anisotropy", self.transmission_scatter_anisotropy, -1.0, 1.0),
+            ("subsurface-weight", self.subsurface_weight, 0.0, 1.0),
+            ("subsurface-radius", self.subsurface_radius, 0.0, 1e6),
+            ("subsurface-scatter-anisotropy", self.subsurface_scatter_anisotropy, -1.0, 1.0),
             ("transmission-dispersion-scale", self.transmission_dispersion_scale, 0.0, 1.0),
             ("transmission-dispersion-abbe-number", self.transmission_dispersion_abbe_number, 1.0, 1e3),
             ("coat-weight", self.coat_weight, 0.0, 1.0),
@@ -189,6 +216,9 @@ impl OpenPbrRecipe {
             ("base-color", self.base_color, 1.0),
             ("specular-color", self.specular_color, 1.0),
             ("transmission-color", self.transmission_color, 1.0),
+            ("transmission-scatter", self.transmission_scatter, 1.0),
+            ("subsurface-color", self.subsurface_color, 1.0),
+            ("subsurface-radius-scale", self.subsurface_radius_scale, 1.0),
             ("coat-color", self.coat_color, 1.0),
             ("fuzz-color", self.fuzz_color, 1.0),
             ("emission-color", self.emission_color, 1e3),
@@ -210,6 +240,11 @@ impl OpenPbrRecipe {
         let colour = |colour| Colour::constant(self.share(colour));
         let is_anisotropic = self.specular_roughness_anisotropy > 0.0 || self.coat_roughness_anisotropy > 0.0;
         let strength = number(self.specular_roughness_anisotropy);
+        let subsurface = OpenPbrSubsurface {
+            weight: number(self.subsurface_weight),
+            color: self.share(self.subsurface_color),
+            anisotropy: self.subsurface_scatter_anisotropy,
+        };
         let coat = OpenPbrCoat {
             weight: number(self.coat_weight),
             color: colour(self.coat_color),
@@ -247,6 +282,7 @@ impl OpenPbrRecipe {
             transmission_weight: number(self.transmission_weight),
             transmission_color: colour(tint),
             dispersion: 20.0 * self.transmission_dispersion_scale / self.transmission_dispersion_abbe_number,
+            subsurface: (self.subsurface_weight > 0.0).then_some(subsurface),
             coat: (self.coat_weight > 0.0).then_some(coat),
             fuzz: (self.fuzz_weight > 0.0).then_some(fuzz),
             thin_film: (self.thin_film_weight > 0.0).then_some(film),
@@ -261,11 +297,31 @@ impl OpenPbrRecipe {
         light * Vec3::ONE.lerp(coat, self.coat_weight)
     }
 
-    /// The absorbing medium inside of the body. `None` if there is none.
+    /// The medium inside of the body. `None` if there is none. Where the base is translucent and lets light diffuse, it
+    /// is the mean of both media by their shares of the surface.
     pub(super) fn medium(&self) -> Option<Medium> {
-        let is_body = self.transmission_depth > 0.0 && !self.geometry_thin_walled;
-        let colour = self.share(self.transmission_color);
-        is_body.then(|| Medium::tinting(colour, self.transmission_depth)).flatten()
+        if self.geometry_thin_walled {
+            return None;
+        }
+        let (color, depth) = (self.share(self.transmission_color), self.transmission_depth);
+        let scatter = self.color_space.to_rec709(self.transmission_scatter);
+        let translucent = (depth > 0.0)
+            .then(|| Medium::translucent(color, depth, scatter, self.transmission_scatter_anisotropy));
+        let translucent = translucent.flatten();
+        let through = self.transmission_weight;
+        let below = (1.0 - through) * self.subsurface_weight;
+        if below == 0.0 {
+            return translucent;
+        }
+        let radius = (self.subsurface_radius * self.subsurface_radius_scale).max(Vec3::splat(LEAST_RADIUS));
+        let color = self.share(self.subsurface_color);
+        let dense = Medium::reflecting(color, radius, self.subsurface_scatter_anisotropy);
+        Medium::mean(translucent, Some(dense), below / (below + through))
+    }
+
+    /// True if light is scattered inside of the body.
+    pub(super) fn scatters(&self) -> bool {
+        self.medium().is_some_and(|medium| medium.scatters())
     }
 }
 
@@ -309,6 +365,32 @@ mod tests {
     }
 
     #[test]
+    fn media_that_scatter_are_those_of_subsurface_and_transmission() {
+        let medium = |fields: &str| material(&format!(r#""openpbr": {{ {fields} }}"#)).expect("valid").medium;
+        let wax = r#""subsurface-weight": 1, "subsurface-color": [0.9, 0.5, 0], "subsurface-radius": 0.5,
+                     "subsurface-scatter-anisotropy": 0.5"#;
+        let wax = medium(wax).expect("a medium");
+        let expected = Medium::reflecting(Vec3::new(0.9, 0.5, 0.0), Vec3::new(0.5, 0.25, 0.125), 0.5);
+        assert_eq!(wax, expected);
+        assert!((wax.absorption + wax.scattering - Vec3::new(2.0, 4.0, 8.0)).abs().max_element() < 1e-5);
+        let milk = r#""transmission-weight": 1, "transmission-color": [0.5, 0.5, 0.5], "transmission-depth": 2,
+                      "transmission-scatter": [0.2, 0.4, 0.6], "transmission-scatter-anisotropy": 0.7"#;
+        let milk = medium(milk).expect("a medium");
+        assert_eq!((milk.scattering, milk.anisotropy), (Vec3::new(0.1, 0.2, 0.3), 0.7));
+        let both = medium(
+            r#""transmission-weight": 0.5, "transmission-color": [0.5, 0.5, 0.5], "transmission-depth": 2,
+                "subsurface-weight": 1, "subsurface-radius": 0, "subsurface-color": [1, 1, 1]"#,
+        )
+        .expect("a medium");
+        assert!((both.scattering * 2e-5 - Vec3::ONE).abs().max_element() < 1e-5, "{both:?}");
+        let thin = medium(r#""subsurface-weight": 1, "geometry-thin-walled": true"#);
+        assert_eq!(thin, None);
+        let clear = r#""transmission-weight": 1, "transmission-color": [0.5, 1, 1], "transmission-depth": 2,
+                       "subsurface-weight": 1"#;
+        assert_eq!(medium(clear), Medium::tinting(Vec3::new(0.5, 1.0, 1.0), 2.0), "no opaque base");
+    }
+
+    #[test]
     fn colours_are_converted_from_their_declared_space() {
         assert!((ColorSpace::AcesCg.to_rec709(Vec3::ONE) - Vec3::ONE).abs().max_element() < 1e-4);
         let red = ColorSpace::AcesCg.to_rec709(Vec3::new(0.5, 0.1, 0.1));
@@ -323,8 +405,17 @@ mod tests {
     fn errors_name_the_parameter_and_its_range() {
         let wrong = material(r#""openpbr": { "coat-weight": 2 }"#).expect_err("out of range");
         assert!(wrong.contains("coat-weight") && wrong.contains('1'), "{wrong}");
-        let unknown = material(r#""openpbr": { "subsurface-weight": 1 }"#).expect_err("unknown");
-        assert!(unknown.contains("unknown field `subsurface-weight`"), "{unknown}");
+        let wrong =
+            material(r#""openpbr": { "subsurface-color": [0.5, 1.5, 0.5] }"#).expect_err("out of range");
+        assert!(wrong.contains("subsurface-color") && wrong.contains("1.5"), "{wrong}");
+        let wrong =
+            material(r#""openpbr": { "transmission-scatter-anisotropy": -2 }"#).expect_err("out of range");
+        assert!(wrong.contains("transmission-scatter-anisotropy") && wrong.contains("-1"), "{wrong}");
+        let twice =
+            r#""openpbr": { "subsurface-weight": 1 }, "absorption": { "colour": [1, 1, 1], "distance": 1 }"#;
+        assert!(material(twice).expect_err("two media").contains("absorption"));
+        let unknown = material(r#""openpbr": { "subsurface-colour": 1 }"#).expect_err("unknown");
+        assert!(unknown.contains("unknown field `subsurface-colour`"), "{unknown}");
         let both = material(r#""colour": [1, 1, 1], "openpbr": {}"#).expect_err("two surfaces");
         assert!(both.contains("base-color"), "{both}");
     }

@@ -1,10 +1,10 @@
 //! Checks materials.
 
-use super::{ABOVE_ZERO, FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
+use super::{ABOVE_ZERO, COSINE, FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Coat, Colour, DiffuseTransmission, Effects, Emission, Iridescence,
-    Material, Medium, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Principled, Scalar, Scene, Sheen,
-    Surface, TextureRef, Transmission,
+    Material, Medium, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Principled, Scalar,
+    Scene, Sheen, Surface, TextureRef, Transmission,
 };
 
 impl Scene {
@@ -31,8 +31,10 @@ impl Scene {
         if let AlphaMode::Mask { cutoff } = *mode {
             FINITE.check(part, "its alpha cutoff", [cutoff])?;
         }
-        if let Some(Medium { absorption }) = medium {
+        if let Some(Medium { absorption, scattering, anisotropy }) = medium {
             POSITIVE.check(part, "the absorption of its medium", absorption.to_array())?;
+            POSITIVE.check(part, "the scattering of its medium", scattering.to_array())?;
+            COSINE.check(part, "the anisotropy of its medium", [*anisotropy])?;
         }
         Ok(())
     }
@@ -138,6 +140,7 @@ impl Scene {
             transmission_weight,
             transmission_color,
             dispersion,
+            subsurface,
             coat,
             fuzz,
             thin_film,
@@ -163,6 +166,11 @@ impl Scene {
         self.check_anisotropy(part, specular_anisotropy.as_ref())?;
         ABOVE_ZERO.check(part, "its index of refraction", [*specular_ior])?;
         POSITIVE.check(part, "its dispersion", [*dispersion])?;
+        if let Some(OpenPbrSubsurface { weight, color, anisotropy }) = subsurface {
+            self.check_scalar(part, "the weight of its subsurface", weight, SHARE)?;
+            SHARE.check(part, "the colour of its subsurface", color.to_array())?;
+            COSINE.check(part, "the anisotropy of its subsurface", [*anisotropy])?;
+        }
         if let Some(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening }) = coat {
             self.check_scalar(part, "the weight of its coat", weight, SHARE)?;
             self.check_colour(part, "the colour of its coat", color, SHARE)?;

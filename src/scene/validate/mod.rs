@@ -16,6 +16,7 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 
 const SHARE: Range = Range { least: 0.0, most: 1.0, text: "from 0 to 1" };
 const POSITIVE: Range = Range { least: 0.0, most: f32::MAX, text: "finite and at least 0" };
+const COSINE: Range = Range { least: -1.0, most: 1.0, text: "from -1 to 1" };
 const FINITE: Range = Range { least: f32::MIN, most: f32::MAX, text: "finite" };
 const ABOVE_ZERO: Range = Range { least: f32::MIN_POSITIVE, most: f32::MAX, text: "finite and above 0" };
 const INDEX_OF_REFRACTION: Range = Range { least: 1.0, most: f32::MAX, text: "finite and at least 1" };

@@ -47,23 +47,30 @@ use super::{Interaction, lookup};
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Scene, Surface};
 
-/// The perceptual roughnesses below which surfaces count as smooth.
+/// The perceptual roughnesses below which surfaces count as smooth, and how bodies are shown that scatter light.
 #[derive(Clone, Copy, Debug)]
 pub struct Smoothness {
     /// A reflection with a lower roughness than this, or lower than [`MIN_ROUGHNESS`], is a mirror.
     pub mirror_below: f32,
     /// A transmission with a lower roughness than this is clear, as is any whose facets are mirrors.
     pub clear_below: f32,
+    /// True for renderers that scatter light in media: for them light diffuses into bodies with a subsurface. Others see
+    /// the subsurface's colour as a diffuse reflection.
+    pub enters_media: bool,
 }
 
 impl Smoothness {
     /// Only surfaces below [`MIN_ROUGHNESS`], whose roughness makes no difference, count as smooth.
-    pub const EXACT: Self = Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS };
+    pub const EXACT: Self =
+        Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS, enters_media: false };
+
+    /// [`Smoothness::EXACT`] for renderers that scatter light in media.
+    pub const IN_MEDIA: Self = Self { enters_media: true, ..Self::EXACT };
 
     /// For renderers that follow single directions. They would render frosted bodies black, so all bodies
     /// count as clear.
     pub const fn followed(mirror_below: f32) -> Self {
-        Self { mirror_below, clear_below: f32::INFINITY }
+        Self { mirror_below, clear_below: f32::INFINITY, enters_media: false }
     }
 }
 

@@ -11,8 +11,8 @@ use std::fmt;
 enum Support {
     /// All that it says.
     Full,
-    /// All that it says, as its draft stood on [`DRAFTS_READ`].
-    Draft,
+    /// All that it says, as its draft stood on the day on which it was read.
+    Draft(&'static str),
     /// Nothing, because it says nothing about a picture. The sentence says what it is about.
     NotVisible(&'static str),
     /// Nothing. The sentence says what is shown instead. A file that requires the extension is refused.
@@ -21,8 +21,9 @@ enum Support {
 
 use Support::{Draft, Full, Ignored, NotVisible};
 
-/// The day on which drafts of extensions were read.
-const DRAFTS_READ: &str = "29 November 2026";
+/// The drafts of layers, and those of scattering.
+const LAYER: Support = Draft("29 November 2026");
+const SCATTERING: Support = Draft("30 November 2026");
 
 const METADATA: Support = NotVisible("holds metadata, which no picture shows");
 const BEHAVIOUR: Support = NotVisible("describes behaviour, which no still picture shows");
@@ -33,7 +34,7 @@ const PLAIN_MATERIAL: Support = Ignored("the rest of the material is used");
 
 /// Known extensions, by name. Names that are missing here are ignored with a warning, and refused if a file requires
 /// them.
-const EXTENSIONS: [(&str, Support); 70] = [
+const EXTENSIONS: [(&str, Support); 71] = [
     ("ADOBE_materials_clearcoat_specular", PLAIN_MATERIAL),
     ("ADOBE_materials_clearcoat_tint", PLAIN_MATERIAL),
     ("ADOBE_materials_thin_transparency", PLAIN_MATERIAL),
@@ -65,15 +66,16 @@ const EXTENSIONS: [(&str, Support); 70] = [
     ("KHR_lights_punctual", Full),
     ("KHR_materials_anisotropy", Full),
     ("KHR_materials_clearcoat", Full),
-    ("KHR_materials_coat", Draft),
-    ("KHR_materials_diffuse_roughness", Draft),
+    ("KHR_materials_coat", LAYER),
+    ("KHR_materials_diffuse_roughness", LAYER),
     ("KHR_materials_diffuse_transmission", Full),
     ("KHR_materials_dispersion", Full),
     ("KHR_materials_emissive_strength", Full),
-    ("KHR_materials_fuzz", Draft),
+    ("KHR_materials_fuzz", LAYER),
     ("KHR_materials_ior", Full),
     ("KHR_materials_iridescence", Full),
     ("KHR_materials_pbrSpecularGlossiness", Full),
+    ("KHR_materials_scatter", SCATTERING),
     ("KHR_materials_sheen", Full),
     ("KHR_materials_specular", Full),
     ("KHR_materials_subsurface", PLAIN_MATERIAL),
@@ -81,7 +83,7 @@ const EXTENSIONS: [(&str, Support); 70] = [
     ("KHR_materials_unlit", Full),
     ("KHR_materials_variants", Full),
     ("KHR_materials_volume", Full),
-    ("KHR_materials_volume_scatter", PLAIN_MATERIAL),
+    ("KHR_materials_volume_scatter", SCATTERING),
     ("KHR_mesh_quantization", Full),
     ("KHR_meshopt_compression", Full),
     ("KHR_node_hoverability", BEHAVIOUR),
@@ -113,7 +115,7 @@ fn support(name: &str) -> Option<Support> {
 
 /// True if a file that requires this extension can be shown as it asks.
 pub(super) fn may_be_required(name: &str) -> bool {
-    matches!(support(name), Some(Full | Draft | NotVisible(_)))
+    matches!(support(name), Some(Full | Draft(_) | NotVisible(_)))
 }
 
 /// Warns of each extension that a document uses without an effect on the picture, whether it declares the use or not.
@@ -122,17 +124,18 @@ pub(super) fn warn_of_ignored(declared: &[String], json: &[u8], warnings: &mut W
     // The text has been parsed once, so errors cannot occur.
     let mut parser = serde_json::Deserializer::from_slice(json);
     let _ = Names { found: &mut used, are_keys_names: false }.deserialize(&mut parser);
-    let drafts: Vec<&str> =
-        used.iter().map(String::as_str).filter(|name| support(name) == Some(Draft)).collect();
+    let draft = |name: &String| match support(name) {
+        Some(Draft(day)) => Some(format!("{name} (as of {day})")),
+        _ => None,
+    };
+    let drafts: Vec<String> = used.iter().filter_map(draft).collect();
     if !drafts.is_empty() {
-        warnings.add(format!(
-            "Drafts of glTF extensions, read as of {DRAFTS_READ} and shown by OpenPBR's surface: {}.",
-            drafts.join(", ")
-        ));
+        warnings
+            .add(format!("Drafts of glTF extensions, shown by OpenPBR's surface: {}.", drafts.join(", ")));
     }
     for name in used {
         match support(&name) {
-            Some(Full | Draft) => {}
+            Some(Full | Draft(_)) => {}
             Some(NotVisible(what)) => warnings.add(format!("The glTF extension {name} {what}.")),
             Some(Ignored(instead)) => {
                 warnings.add(format!("The glTF extension {name} is not supported: {instead}."))

@@ -1,5 +1,5 @@
 //! OpenPBR Surface 1.1: fuzz over a coat over metal and a dielectric base, whose facets may have a thin film. The base
-//! is diffuse, translucent, or both.
+//! is diffuse, translucent, lets light diffuse into its medium, or all of these.
 //!
 //! # Energy
 //! Where the specification leaves the choice, this BSDF is reciprocal, and it never returns more light than arrives.
@@ -23,6 +23,7 @@ mod metal;
 mod outlined;
 mod parameters;
 mod scatter;
+mod subsurface;
 #[cfg(test)]
 mod tests;
 mod through;
@@ -39,6 +40,7 @@ use interface::Interface;
 use metal::Metal;
 pub use outlined::{Construct, Evaluate, Mirroring, Sampling};
 use parameters::{CoatParameters, Parameters};
+use subsurface::Subsurface;
 use through::Through;
 
 /// The greatest magnitude of a facet's amplitude at normal incidence.
@@ -77,6 +79,7 @@ pub struct OpenPbr<L: Lanes> {
     /// Share of the light lost between facets that is given back, and factor of the diffuse base.
     kept: [f32; 2],
     through: Option<Through<L>>,
+    subsurface: Option<Subsurface<L>>,
     coat: Option<(Coat<L>, Below<L>)>,
     fuzz: Option<Fuzz<L>>,
 }
@@ -147,7 +150,7 @@ impl<L: Lanes> OpenPbr<L> {
         let l = of.base.lanes();
         let (one, white) = (Num::splat(l, 1.0), Vector::grey(Num::splat(l, 1.0)));
         let share = |x: Num<L>| x.clamp(0.0, 1.0);
-        let metalness = share(of.base_metalness);
+        let mut metalness = share(of.base_metalness);
         let mut roughness = share(of.specular_roughness);
         let weight = of.specular_weight.clamp(0.0, f32::MAX);
         let ior = bounded(of.specular_ior);
@@ -165,6 +168,9 @@ impl<L: Lanes> OpenPbr<L> {
         let base = of.base.clamp(0.0, 1.0);
         let metal = Metal { f0: base, edge: of.specular_color.clamp(0.0, 1.0), weight: share(weight) };
         let (mut opaque, mut through, mut albedo) = (one - metalness, None, base);
+        if let Some(subsurface) = &of.subsurface {
+            albedo = albedo.lerp(subsurface.color.clamp(0.0, 1.0), share(subsurface.weight));
+        }
         if let Some((weight_of, tint)) = of.transmission {
             let weight_of = share(weight_of);
             let rough = facets.rougher_than(smoothness.clear_below);
@@ -173,6 +179,32 @@ impl<L: Lanes> OpenPbr<L> {
             through = Some(Through::new(opaque * weight_of, tint.clamp(0.0, 1.0), bent, outside, rough));
             albedo = albedo.lerp(white, weight_of);
             opaque *= one - weight_of;
+        }
+        let mut subsurface = None;
+        if let Some(of_subsurface) = &of.subsurface {
+            let color = of_subsurface.color.clamp(0.0, 1.0);
+            let weight_of = opaque * share(of_subsurface.weight);
+            opaque -= weight_of;
+            subsurface = Some(if of.thin_walled {
+                Subsurface::thin(weight_of, color, of_subsurface.anisotropy)
+            } else if !smoothness.enters_media {
+                Subsurface::shown(weight_of, color)
+            } else {
+                // From inside one sees only what lets light through: light is not inside of anything else.
+                let mut open = weight_of;
+                if let Some(through) = &through {
+                    open += through.weight;
+                }
+                let leaving = !outside & open.above(0.0);
+                if let Some(through) = &mut through {
+                    through.weight = Num::select(leaving, through.weight / open, through.weight);
+                }
+                opaque = opaque.only(!leaving);
+                metalness = metalness.only(!leaving);
+                let weight_of = Num::select(leaving, weight_of / open, weight_of);
+                let (bent, _) = modulated(ior, weight);
+                Subsurface::entered(weight_of, bent, !outside)
+            });
         }
         let coat = match of.coat {
             Some(coat) => {
@@ -205,6 +237,7 @@ impl<L: Lanes> OpenPbr<L> {
                 if is_along { DIFFUSE_ALONG } else { 1.0 },
             ],
             through,
+            subsurface,
             coat,
             fuzz,
         }
@@ -214,6 +247,7 @@ impl<L: Lanes> OpenPbr<L> {
     #[inline(always)]
     pub fn is_frosted(&self) -> bool {
         matches!(&self.through, Some(through) if through.frosted.any())
+            || matches!(&self.subsurface, Some(subsurface) if subsurface.is_crossed())
     }
 
     /// Points at which one sees other surfaces rather than this one.
@@ -223,7 +257,10 @@ impl<L: Lanes> OpenPbr<L> {
         if self.fuzz.is_some() {
             return Mask::splat(l, false);
         }
-        let diffuse = self.diffuse.colour.max_element() * self.opaque;
+        let mut diffuse = self.diffuse.colour.max_element() * self.opaque;
+        if let Some(subsurface) = &self.subsurface {
+            diffuse += subsurface.weight;
+        }
         !(self.facets.rougher_than(polished) | diffuse.above(least_diffuse))
     }
 

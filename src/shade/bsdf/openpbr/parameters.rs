@@ -19,10 +19,19 @@ pub struct Parameters<L: Lanes> {
     pub specular_ior: Num<L>,
     /// `transmission_weight`, and `transmission_color` where the depth is 0.
     pub transmission: Option<(Num<L>, Vector<L>)>,
+    pub subsurface: Option<SubsurfaceParameters<L>>,
     pub coat: Option<CoatParameters<L>>,
     pub fuzz: Option<FuzzParameters<L>>,
     pub film: Option<FilmParameters<L>>,
     pub thin_walled: bool,
+}
+
+/// `subsurface_weight` and so on.
+#[derive(Clone, Copy, Debug)]
+pub struct SubsurfaceParameters<L: Lanes> {
+    pub weight: Num<L>,
+    pub color: Vector<L>,
+    pub anisotropy: Num<L>,
 }
 
 /// `coat_weight` and so on.
@@ -79,6 +88,14 @@ impl<L: Lanes> Parameters<L> {
                     lookup::albedo(scene, &of.transmission_color, at),
                 )),
                 false => None,
+            },
+            subsurface: match &of.subsurface {
+                Some(subsurface) => Some(SubsurfaceParameters {
+                    weight: lookup::share(scene, &subsurface.weight, at),
+                    color: Vector::splat(l, subsurface.color),
+                    anisotropy: Num::splat(l, subsurface.anisotropy),
+                }),
+                None => None,
             },
             coat: match &of.coat {
                 Some(coat) => Some(CoatParameters {

@@ -130,6 +130,11 @@ impl<L: Lanes> OpenPbr<L> {
             scattered += mean(returns) * weight;
             crossing = mean(crosses) * weight;
         }
+        if let Some(subsurface) = &self.subsurface {
+            let [returns, crosses] = subsurface.light(near);
+            scattered += mean(returns);
+            crossing += mean(crosses);
+        }
         if let Some(fuzz) = &self.fuzz {
             scattered += mean(fuzz.reflected(near.fuzz));
         }
@@ -144,6 +149,12 @@ impl<L: Lanes> OpenPbr<L> {
             crossing: crossing * scale,
             mirrors: mirrors * scale,
         }
+    }
+
+    /// True if light may cross the surface in all directions.
+    #[inline(always)]
+    fn crosses_diffusely(&self, view: &View<L>) -> bool {
+        view.further.is_some() || self.subsurface.is_some()
     }
 
     /// Light of further bounces between facets of metal.
@@ -196,15 +207,21 @@ impl<L: Lanes> OpenPbr<L> {
             value += (shares.reflected * (perfect * under)).only(rough);
             pdf += (probabilities.facets * self.reflects(&shares) * density).only(rough);
         }
-        value = (value * self.veil(wo.z, raised.z)).only(above);
+        let veil = self.veil(wo.z, raised.z);
+        value = (value * veil).only(above);
+        if let Some(subsurface) = &self.subsurface {
+            value += self.diffused(subsurface, view, &far, [wo.z, raised.z], (above, veil));
+        }
         if let (Some(through), Some(further)) = (&self.through, &view.further) {
             let frosted = through.frosted;
             let [cosine, light, density] = through.evaluate(&self.facets, wo, wi);
             let shares = self.facet(cosine);
             let light = shares.passed * light + further.evaluate(wi, through.eta) * through.weight;
-            let veil = Vector::select(above, self.veil(wo.z, raised.z), self.crossing_veil(wo.z, raised.z));
+            let veil = Vector::select(above, veil, self.crossing_veil(wo.z, raised.z));
             value += (light * veil * under).only(frosted);
             pdf += (probabilities.facets * (1.0 - self.reflects(&shares)) * density).only(frosted & !above);
+        }
+        if self.crosses_diffusely(view) {
             pdf += (probabilities.crossing * warp::cosine_hemisphere_pdf(-wi.z)).only(!above);
         }
         if let Some((coat, _)) = &self.coat {
@@ -255,7 +272,7 @@ impl<L: Lanes> OpenPbr<L> {
             wi = Vector::select(of_facets, way, wi);
         }
         start += facets + scattered;
-        if view.further.is_some() {
+        if self.crosses_diffusely(&view) {
             let far = !u.lt(start) & u.lt(start + crossing);
             wi.z = Num::select(far, -wi.z, wi.z);
             crosses |= far;
@@ -265,8 +282,9 @@ impl<L: Lanes> OpenPbr<L> {
         let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &view, &probabilities);
         let one = Num::splat(l, 1.0);
-        let eta = match &self.through {
-            Some(through) if !through.thin => Num::select(crosses, through.eta, one),
+        let eta = match (&self.through, &self.subsurface) {
+            (Some(through), _) if !through.thin => Num::select(crosses, through.eta, one),
+            (_, Some(subsurface)) => Num::select(crosses, subsurface.eta, one),
             _ => one,
         };
         let valid = valid & pdf.above(0.0);

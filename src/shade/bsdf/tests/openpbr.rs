@@ -3,7 +3,7 @@
 use super::super::openpbr::Construct;
 use super::*;
 use crate::lanes::OutlinedTask;
-use crate::scene::{Anisotropy, Iridescence, OpenPbr, OpenPbrCoat, OpenPbrFuzz};
+use crate::scene::{Anisotropy, Iridescence, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface};
 
 fn openpbr(outside: bool, edit: impl FnOnce(&mut OpenPbr)) -> Bsdf<'static> {
     let mut surface = OpenPbr::default();
@@ -57,6 +57,12 @@ pub fn of_roughness(roughness: f32) -> Vec<(String, Bsdf<'static>)> {
             s.coat = Some(OpenPbrCoat { weight: number(0.4), ..coat });
         });
     }
+    let paper = OpenPbrSubsurface { weight: number(0.7), color: Vec3::new(0.9, 0.5, 0.2), anisotropy: 0.4 };
+    add("wax", true, &|s| s.subsurface = Some(paper));
+    add("paper", true, &|s| {
+        s.subsurface = Some(paper);
+        s.thin_walled = true;
+    });
     add("thin glass", true, &|s| {
         s.transmission_weight = number(1.0);
         s.thin_walled = true;

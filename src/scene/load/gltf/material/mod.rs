@@ -3,6 +3,7 @@
 mod base;
 mod layers;
 mod openpbr;
+mod scatter;
 
 use super::super::LoadProblem;
 use super::super::textures::Textures;
@@ -160,7 +161,7 @@ impl<'b> Converter<'_, 'b> {
             ));
             return None;
         }
-        Medium::tinting(colour, distance)
+        Medium::tinting(colour, distance).map(|medium| self.scattering(medium))
     }
 
     fn emission(&mut self) -> Result<Option<Emission>, LoadProblem> {

@@ -1,8 +1,8 @@
 //! Reads the draft extensions that have no equal in ratified ones. A material that has one of them gets OpenPBR's
 //! surface.
 //!
-//! The drafts were read on 29 November 2026: KHR_materials_coat, KHR_materials_diffuse_roughness and
-//! KHR_materials_fuzz, in pull requests to KhronosGroup/glTF.
+//! KHR_materials_coat, KHR_materials_diffuse_roughness and KHR_materials_fuzz were read on 29 November 2026,
+//! KHR_materials_scatter and KHR_materials_volume_scatter on 30 November, in pull requests to KhronosGroup/glTF.
 
 use super::super::super::LoadProblem;
 use super::Converter;
@@ -16,18 +16,20 @@ use glam::Vec3;
 const COAT: &str = "KHR_materials_coat";
 const DIFFUSE_ROUGHNESS: &str = "KHR_materials_diffuse_roughness";
 const FUZZ: &str = "KHR_materials_fuzz";
+pub(super) const SCATTER: &str = "KHR_materials_scatter";
+pub(super) const VOLUME_SCATTER: &str = "KHR_materials_volume_scatter";
+
+/// All of them.
+const DRAFTS: [&str; 5] = [COAT, DIFFUSE_ROUGHNESS, FUZZ, SCATTER, VOLUME_SCATTER];
 
 impl<'a> Converter<'a, '_> {
     /// True if the material has one of the draft extensions.
     pub(super) fn has_drafts(&self) -> bool {
-        [COAT, DIFFUSE_ROUGHNESS, FUZZ].into_iter().any(|name| self.extension(name).is_some())
+        DRAFTS.into_iter().any(|name| self.extension(name).is_some())
     }
 
     /// OpenPBR's surface of a metallic-roughness surface and the draft extensions.
     pub(super) fn openpbr(&mut self, of: &Principled) -> Result<OpenPbr, LoadProblem> {
-        if of.diffuse_transmission.is_some() {
-            self.warn(&format!("KHR_materials_diffuse_transmission has no effect beside {}", self.drafts()));
-        }
         let one = Scalar::constant(1.0);
         // A tint above 1 makes the dielectric reflect more. OpenPBR has that in the weight, and tints of at most 1.
         let tint = of.specular_colour.factor.min(Vec3::splat(f32::MAX));
@@ -46,11 +48,16 @@ impl<'a> Converter<'a, '_> {
             // In glTF the base colour tints transmitted light.
             transmission_color: of.base_colour,
             dispersion: of.dispersion,
+            subsurface: None,
             coat: None,
             fuzz: of.sheen.map(fuzz_of_sheen),
             thin_film: of.iridescence,
             thin_walled: of.thin,
         };
+        let diffuses = self.subsurface(of, &mut surface)?;
+        if of.diffuse_transmission.is_some() && !diffuses {
+            self.warn(&format!("KHR_materials_diffuse_transmission has no effect beside {}", self.drafts()));
+        }
         if let Some(extension) = self.extension(DIFFUSE_ROUGHNESS) {
             let [factor, texture] = ["diffuseRoughnessFactor", "diffuseRoughnessTexture"];
             surface.base_diffuse_roughness = self.factor(extension, factor, 0.0, texture, Channel::A)?;
@@ -79,8 +86,7 @@ impl<'a> Converter<'a, '_> {
 
     /// The names of the drafts that the material has.
     fn drafts(&self) -> String {
-        let names = [COAT, DIFFUSE_ROUGHNESS, FUZZ].into_iter();
-        names.filter(|name| self.extension(name).is_some()).collect::<Vec<_>>().join(", ")
+        DRAFTS.into_iter().filter(|name| self.extension(name).is_some()).collect::<Vec<_>>().join(", ")
     }
 
     fn coat(&mut self, extension: Extension<'a>) -> Result<Option<OpenPbrCoat>, LoadProblem> {

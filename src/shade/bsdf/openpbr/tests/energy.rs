@@ -25,6 +25,9 @@ fn random(i: u32) -> Numbers {
         anisotropy: some(10, 0.3),
         ior: if x(11) < 0.1 { 0.6 + 0.4 * x(12) } else { 1.0 + 1.5 * x(12) },
         transmission: (if x(13) < 0.2 { 1.0 } else { some(14, 0.3) }, colour(15)),
+        subsurface: (if x(35) < 0.1 { 1.0 } else { some(36, 0.3) }, colour(37)),
+        subsurface_anisotropy: 2.0 * x(39) - 1.0,
+        enters: x(40) < 0.7,
         coat: if x(17) < 0.2 { 1.0 } else { some(18, 0.3) },
         coat_color: colour(19),
         coat_roughness: some(21, 0.7),
@@ -132,6 +135,8 @@ fn white_surfaces_lose_little() {
     for roughness in [0.0, 0.1, 0.3, 0.6, 1.0] {
         let white = Numbers { base: Vec3::ONE, roughness, ..Numbers::default() };
         let glass = Numbers { transmission: (1.0, Vec3::ONE), ..white };
+        let wax = Numbers { subsurface: (1.0, Vec3::ONE), ..white };
+        let half = Numbers { transmission: (0.5, Vec3::ONE), ..wax };
         let all = [
             ("glossy", white, 0.02),
             ("rough diffuse", Numbers { diffuse_roughness: 0.8, ..white }, 0.06),
@@ -139,6 +144,12 @@ fn white_surfaces_lose_little() {
             ("glass", glass, 0.1),
             ("glass from inside", Numbers { outside: false, ..glass }, 0.1),
             ("thin glass", Numbers { thin: true, ..glass }, 0.12),
+            ("wax", wax, 0.02),
+            ("wax from inside", Numbers { outside: false, ..wax }, 0.02),
+            ("wax as others show it", Numbers { enters: false, ..wax }, 0.02),
+            ("paper", Numbers { thin: true, ..wax }, 0.02),
+            ("half glass from inside", Numbers { outside: false, ..half }, 0.06),
+            ("coated wax", Numbers { coat: 1.0, coat_roughness: 0.2, ..wax }, 0.06),
             ("coated", Numbers { coat: 1.0, coat_roughness: 0.2, ..white }, 0.05),
             ("half coated", Numbers { coat: 0.5, ..white }, 0.05),
             ("in fuzz", Numbers { fuzz: 1.0, ..white }, 0.12),
@@ -160,7 +171,8 @@ fn light_may_go_either_way() {
     let l = SingleLane::default();
     let mut crossed = 0;
     for i in 0..400 {
-        let numbers = Numbers { outside: true, ..random(i) };
+        // Light that diffuses into a body comes out elsewhere.
+        let numbers = Numbers { outside: true, enters: false, ..random(i) };
         let (near, far) = (numbers.bsdf(l), Numbers { outside: numbers.thin, ..numbers }.bsdf(l));
         let index = near.through.map_or(1.0, |through| if through.thin { 1.0 } else { through.index.get() });
         for (k, wo) in directions(32).enumerate() {
@@ -221,7 +233,7 @@ fn every_width_has_the_same_bits() {
         let (is_plain, is_thin) = (i % 3 == 0, i % 5 == 0);
         let all: [Numbers; 4] = std::array::from_fn(|k| {
             let mut numbers = random(4 * i + k as u32);
-            numbers.thin = is_thin;
+            (numbers.thin, numbers.enters) = (is_thin, i % 7 != 0);
             if k < 3 {
                 numbers.roughness = [0.0, 0.3, 0.0][k];
             }

@@ -3,7 +3,7 @@
 mod energy;
 mod reference;
 
-use super::parameters::{CoatParameters, FilmParameters, FuzzParameters, Parameters};
+use super::parameters::{CoatParameters, FilmParameters, FuzzParameters, Parameters, SubsurfaceParameters};
 use super::{OpenPbr, Smoothness};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
@@ -21,6 +21,10 @@ struct Numbers {
     anisotropy: f32,
     ior: f32,
     transmission: (f32, Vec3),
+    subsurface: (f32, Vec3),
+    subsurface_anisotropy: f32,
+    /// True if light enters the body of a subsurface.
+    enters: bool,
     coat: f32,
     coat_color: Vec3,
     coat_roughness: f32,
@@ -49,6 +53,9 @@ impl Default for Numbers {
             anisotropy: 0.0,
             ior: 1.5,
             transmission: (0.0, Vec3::ONE),
+            subsurface: (0.0, Vec3::ONE),
+            subsurface_anisotropy: 0.0,
+            enters: true,
             coat: 0.0,
             coat_color: Vec3::ONE,
             coat_roughness: 0.0,
@@ -74,7 +81,7 @@ impl Numbers {
     }
 
     /// The BSDF of the surfaces in turn, from number `first` on, one in each lane. It has the layers of all of them, as
-    /// a surface with textures has. All are thin walls if the first one is.
+    /// a surface with textures has. All are thin walls, or entered, if the first one is.
     #[inline(always)]
     fn lanes<L: Lanes>(l: L, all: &[Self], first: u32) -> OpenPbr<L> {
         let x = |of: &dyn Fn(&Self) -> f32| {
@@ -97,6 +104,11 @@ impl Numbers {
             specular_ior: x(&|n| n.ior),
             transmission: any(|n| n.transmission.0)
                 .then(|| (x(&|n| n.transmission.0), v(|n| n.transmission.1))),
+            subsurface: any(|n| n.subsurface.0).then(|| SubsurfaceParameters {
+                weight: x(&|n| n.subsurface.0),
+                color: v(|n| n.subsurface.1),
+                anisotropy: x(&|n| n.subsurface_anisotropy),
+            }),
             coat: any(|n| n.coat).then(|| CoatParameters {
                 weight: x(&|n| n.coat),
                 color: v(|n| n.coat_color),
@@ -118,7 +130,8 @@ impl Numbers {
             thin_walled: all[0].thin,
         };
         let outside = x(&|n| if n.outside { 1.0 } else { 0.0 }).above(0.5);
-        OpenPbr::of(&parameters, outside, Smoothness::EXACT)
+        let smoothness = Smoothness { enters_media: all[0].enters, ..Smoothness::EXACT };
+        OpenPbr::of(&parameters, outside, smoothness)
     }
 }
 

@@ -163,6 +163,7 @@ fn numbers(row: &HashMap<String, f32>) -> Numbers {
         film_ior: of("thin_film_ior"),
         thin: of("geometry_thin_walled") == 1.0,
         outside: true,
+        ..Numbers::default()
     }
 }
 
