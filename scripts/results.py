@@ -7,10 +7,10 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `threads`, `small`,
 `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`, `profiles`, `schedule`, `latency`,
-`rtrt`, `live`, `livefarm`, `livelinks`, `service`, `plan`, `plancheck` or `farmspeed`; further words only distinguish
-two blocks of a page. A page without the two lines gets them at its end, with the table. Tables over scenes take files
-of one machine and one build, with one scene or several in each. A scene is called what its file is called, or LABEL
-where there is one in the file.
+`rtrt`, `live`, `livefarm`, `livelinks`, `moving`, `service`, `plan`, `plancheck` or `farmspeed`; further words only
+distinguish two blocks of a page. A page without the two lines gets them at its end, with the table. Tables over scenes
+take files of one machine and one build, with one scene or several in each. A scene is called what its file is called,
+or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -135,6 +135,17 @@ PLAIN = {
         ("slowest, ms", "worst_ms", 1, "{:.0f}"),
         ("kB", "frame_bytes", 1e-3, "{:.0f}"),
         ("late", "late", None, "{}"),
+    ],
+    "moving": [
+        ("frames", "configuration", None, "{}"),
+        ("moving, ms", "moving_s.median", 1e3, "{:.0f}"),
+        ("best", "moving_s.best", 1e3, "{:.0f}"),
+        ("worst", "moving_s.worst", 1e3, "{:.0f}"),
+        ("at rest, ms", "still_s.median", 1e3, "{:.0f}"),
+        ("times", "times", 1, "{:.2f}"),
+        ("CPU, moving, ms", "moving_cpu_s.median", 1e3, "{:.0f}"),
+        ("CPU, at rest, ms", "still_cpu_s.median", 1e3, "{:.0f}"),
+        ("times", "cpu_times", 1, "{:.2f}"),
     ],
     "profiles": [
         ("raystream", "label", None, "{}"),

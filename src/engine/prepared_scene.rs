@@ -70,6 +70,8 @@ pub struct PreparedScene {
     lit: OnceLock<LitScene>,
     /// Computed when first needed.
     scene_hash: OnceLock<String>,
+    /// [`Bvh::looseness`] of the tree's own triangles when they were built, once it has been needed.
+    built_looseness: OnceLock<f32>,
 }
 
 impl PreparedScene {
@@ -93,6 +95,11 @@ impl PreparedScene {
     /// Prepares a scene that has passed [`Scene::validate`].
     fn of_valid(scene: Arc<Scene>, units: &Units) -> Self {
         let bvh = Arc::new(tree::build(&scene, tree::MIN_SAVED_TRIANGLES));
+        Self::of_tree(scene, bvh, OnceLock::new(), units)
+    }
+
+    /// Prepares a valid scene whose tree this is.
+    fn of_tree(scene: Arc<Scene>, bvh: Arc<Bvh>, built_looseness: OnceLock<f32>, units: &Units) -> Self {
         let filter = filter(&scene);
         let (host, single_ray) = host_tracers(&bvh, filter.as_ref(), units);
         let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
@@ -106,15 +113,30 @@ impl PreparedScene {
         let tracers = tracers(host, device.as_ref(), units, &scene);
         let adapter = device.as_ref().and_then(|_| units.adapter());
         let (units, lit, scene_hash) = (units.clone(), OnceLock::new(), OnceLock::new());
-        Self { scene, bvh, tracers, filter, single_ray, adapter, degraded, units, device, lit, scene_hash }
+        Self {
+            scene,
+            bvh,
+            tracers,
+            filter,
+            single_ray,
+            adapter,
+            degraded,
+            units,
+            device,
+            lit,
+            scene_hash,
+            built_looseness,
+        }
     }
 
     /// Prepares this scene with another appearance: a clone of [`PreparedScene::scene`] with other materials, lights,
     /// environment or camera. The tree, the scene on the GPU and lights that are equal in both stay. This scene
     /// stays as it is.
     ///
-    /// The tree is built anew if the scene has another mesh, or if materials become opaque or cease to be
-    /// ([`crate::scene::AlphaMode`]).
+    /// In a scene whose triangles have only moved, the tree is moved, too: instances are placed anew, other triangles
+    /// refitted ([`Bvh::refit`]), or built anew where [`Bvh::looseness`] has grown by half. The tree is built anew if
+    /// the scene has other triangles or shapes, or if materials become opaque or cease to be
+    /// ([`crate::scene::AlphaMode`]). The pictures are the same in any case.
     ///
     /// # Errors
     /// What [`Scene::validate`] finds.
@@ -124,7 +146,11 @@ impl PreparedScene {
         let prepared = if self.keeps_tree(&scene) {
             self.with_valid_scene(scene)
         } else {
-            Self::of_valid(scene, &self.units)
+            match tree::moved(&self.bvh, &self.built_looseness, &self.scene, &scene) {
+                Some((bvh, _)) if Arc::ptr_eq(&bvh, &self.bvh) => self.with_valid_scene(scene),
+                Some((bvh, built)) => Self::of_tree(scene, bvh, built, &self.units),
+                None => Self::of_valid(scene, &self.units),
+            }
         };
         if let Some(lit) = self.lit.get() {
             prepared.lit.get_or_init(|| lit.with_scene(Arc::clone(&prepared.scene)));
@@ -156,6 +182,7 @@ impl PreparedScene {
             units: self.units.clone(),
             lit: OnceLock::new(),
             scene_hash: OnceLock::new(),
+            built_looseness: self.built_looseness.clone(),
             scene,
             filter,
             single_ray,

@@ -1,7 +1,7 @@
 //! A render spec that has been checked against a registry, and what it makes of a scene.
 
 use super::plugin_options::Setting;
-use super::shaders::{self, Shaders};
+use super::shaders::{self, Pictures, Shaders};
 use super::spec::RenderSpec;
 use super::{Frames, Registry, Rendering};
 use crate::engine::PreparedScene;
@@ -91,13 +91,19 @@ impl CheckedSpec {
     /// # Errors
     /// What the options and the scene have against each other.
     pub fn change(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
-        let found = self.change_materials(scene, options)?;
+        let found = self.change_materials(scene, options, &mut Pictures::new())?;
         self.spec.light.apply_environment(scene, options)?;
         Ok(found)
     }
 
-    /// The part of [`Self::change`] that leaves the environment as it is.
-    pub(super) fn change_materials(&self, scene: &mut Scene, options: &LoadOptions) -> Result<Shaders> {
+    /// The part of [`Self::change`] that leaves the environment as it is. Pictures of shaders among `pictures` are not
+    /// read again; the others are added to them.
+    pub(super) fn change_materials(
+        &self,
+        scene: &mut Scene,
+        options: &LoadOptions,
+        pictures: &mut Pictures,
+    ) -> Result<Shaders> {
         let file = self.spec.scene.as_deref().unwrap_or(Path::new(""));
         scene.moment = self.moment(0, 0.0);
         let own = |scene: &mut Scene| {
@@ -106,8 +112,8 @@ impl CheckedSpec {
             }
             self.spec.material.iter().try_for_each(|change| change.apply(scene))
         };
-        let surfaces = &self.spec.surface;
-        let (found, unknown) = shaders::apply(scene, file, surfaces, &self.foreign, options, own)?;
+        let (surfaces, loading) = (&self.spec.surface, (&*self.foreign, options));
+        let (found, unknown) = shaders::apply(scene, file, surfaces, loading, pictures, own)?;
         self.registry.check_settings(&self.integrator, &unknown)?;
         Ok(found)
     }

@@ -1,15 +1,17 @@
 //! Frames of a scene that moves: each is of the scene at its own time, or at several while the shutter is open.
 
 use super::checked::afford;
+use super::shaders::Pictures;
 use super::{AnyIntegrator, CheckedSpec, Rendering, scene_file};
-use crate::engine::{PreparedScene, Units};
+use crate::engine::PreparedScene;
 use crate::memory::MemoryBudget;
 use crate::render::{Integrator, PASSES_IN_FLIGHT, Pass};
 use crate::scene::Scene;
-use crate::scene::load::{LoadOptions, load_with};
+use crate::scene::load::{AnimatedFile, LoadOptions};
 use anyhow::{Context, Result, ensure};
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
 
 /// Scenes of other frames that are kept: workers render several units of a frame, and several frames at a time.
 const KEPT: usize = 4;
@@ -22,56 +24,116 @@ const KEPT_MOMENTS: usize = PASSES_IN_FLIGHT;
 pub struct Moving {
     options: LoadOptions,
     memory: MemoryBudget,
-    units: Units,
-    /// Each with its time.
-    kept: Arc<Mutex<VecDeque<(f64, PreparedScene)>>>,
+    /// Read when it is first needed.
+    file: Arc<Mutex<Option<Arc<AnimatedFile>>>>,
+    /// Those of shaders.
+    pictures: Arc<Mutex<Pictures>>,
+    scenes: Arc<Mutex<Scenes>>,
+}
+
+/// The scenes that are there or are being made.
+#[derive(Debug, Default)]
+struct Scenes {
+    /// Each with its time; that which was used last is the last one.
+    kept: VecDeque<(f64, PreparedScene)>,
+    /// The frame that was asked for last.
+    last: Option<u32>,
+    /// The scene of a frame that is expected next, and its time.
+    next: Option<(f64, JoinHandle<Result<PreparedScene>>)>,
 }
 
 impl Moving {
-    /// Reads the scene's file anew for each time, with these options but for the time.
-    pub fn new(options: LoadOptions, memory: MemoryBudget, units: Units) -> Self {
-        Self { options, memory, units, kept: Arc::default() }
+    /// Reads the scene's file once, with these options but for the time.
+    pub fn new(options: LoadOptions, memory: MemoryBudget) -> Self {
+        Self { options, memory, file: Arc::default(), pictures: Arc::default(), scenes: Arc::default() }
     }
 
     /// The scene at a time. Its light, and the width of its points and lines, are those of the scene that the rendering
     /// was opened with: what that lacked, and was assumed, is assumed for all times.
     fn scene(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        {
-            let mut kept = kept();
+        let next = {
+            let Scenes { kept, next, .. } = &mut *lock(&self.scenes);
             let known = kept.iter().position(|(kept, _)| *kept == seconds);
             if let Some(found) = known.and_then(|known| kept.remove(known)) {
                 // What was used last is kept longest.
                 kept.push_back(found.clone());
                 return Ok(found.1);
             }
+            next.take_if(|(next, _)| *next == seconds)
+        };
+        match next {
+            Some((_, next)) => next.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+            None => self.make(seconds, opened),
         }
+    }
+
+    /// Begins to make the scene of a frame if frames are asked for one after the other. A worker that renders now this
+    /// frame and now that one makes none in vain.
+    fn expect(&self, frame: u32, opened: &Rendering) {
+        let follows = frame.checked_sub(2).is_some_and(|before| lock(&self.scenes).last == Some(before));
+        lock(&self.scenes).last = frame.checked_sub(1);
+        let is_last = !opened.frames().numbers().contains(&frame) || opened.steps() > 1;
+        let Some(seconds) = opened.time(frame).filter(|_| follows && !is_last) else { return };
+        let mut scenes = lock(&self.scenes);
+        let is_there = scenes.kept.iter().any(|(kept, _)| *kept == seconds);
+        if is_there || scenes.next.as_ref().is_some_and(|(_, making)| !making.is_finished()) {
+            return;
+        }
+        let (moving, opened) = (self.clone(), opened.clone());
+        let make = move || moving.make(seconds, &opened);
+        // Without a thread it is made when it is asked for.
+        let making = thread::Builder::new().name("next frame".into()).spawn(make);
+        scenes.next = making.ok().map(|making| (seconds, making));
+    }
+
+    /// Makes the scene at a time from one that is there: see [`PreparedScene::with_scene`].
+    fn make(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
         let checked: &CheckedSpec = opened.checked();
-        let path = checked.scene_file()?;
-        ensure!(
-            !scene_file::is_standard_input(path),
-            "a scene that moves is read anew for each frame; name a file"
-        );
+        let file = self.file(opened)?;
         // Its warnings have been told.
-        let options = self.options.clone().with_time(seconds);
-        let width = opened.prepared().scene.stroke_width;
-        let mut scene =
-            load_with(path, &width.iter().fold(options, |options, &width| options.with_stroke_width(width)))?;
-        drop(checked.change_materials(&mut scene, &self.options)?);
+        let mut scene = file.at(seconds)?;
+        let mut pictures = lock(&self.pictures).clone();
+        drop(checked.change_materials(&mut scene, &self.options, &mut pictures)?);
+        *lock(&self.pictures) = pictures;
         scene.environment = opened.prepared().scene.environment.clone();
-        let bytes = PreparedScene::building_bytes(&scene);
+        let bytes = PreparedScene::building_bytes(&scene).saturating_add(file.bytes());
         afford(&self.memory, format!("the scene at {seconds} s and its tree"), bytes)?;
         let has_frames = opened.spec().animation.frames.is_some();
         let most = if opened.steps() > 1 { KEPT_MOMENTS + usize::from(has_frames) } else { KEPT };
-        {
-            let mut kept = kept();
+        let former = {
+            let Scenes { kept, .. } = &mut *lock(&self.scenes);
+            let former = kept.back().map_or_else(|| opened.prepared().clone(), |(_, former)| former.clone());
             let more = (kept.len() + 1).saturating_sub(most);
             kept.drain(..more);
-        }
-        let prepared = PreparedScene::new(scene, &self.units)?;
-        kept().push_back((seconds, prepared.clone()));
+            former
+        };
+        let prepared = former.with_scene(scene)?;
+        lock(&self.scenes).kept.push_back((seconds, prepared.clone()));
         Ok(prepared)
     }
+
+    /// The scene's file.
+    fn file(&self, opened: &Rendering) -> Result<Arc<AnimatedFile>> {
+        let mut file = lock(&self.file);
+        if let Some(file) = &*file {
+            return Ok(Arc::clone(file));
+        }
+        let path = opened.checked().scene_file()?;
+        ensure!(
+            !scene_file::is_standard_input(path),
+            "the file of a scene that moves is read again; name a file"
+        );
+        let width = opened.prepared().scene.stroke_width;
+        let options =
+            width.iter().fold(self.options.clone(), |options, &width| options.with_stroke_width(width));
+        let read = Arc::new(AnimatedFile::read(path, &options)?);
+        *file = Some(Arc::clone(&read));
+        Ok(read)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Rendering {
@@ -128,8 +190,10 @@ impl Rendering {
             return Ok(self.clone());
         }
         let prepared = match (self.moving(), self.time(frame)) {
-            (Some(moving), Some(seconds)) => {
-                moving.scene(seconds, self).with_context(|| format!("frame {frame}"))?
+            (Some(moving), Some(seconds)) if Some(seconds) != self.start() => {
+                let prepared = moving.scene(seconds, self).with_context(|| format!("frame {frame}"))?;
+                moving.expect(frame + 1, self);
+                prepared
             }
             _ => self.prepared().clone(),
         };

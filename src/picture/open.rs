@@ -47,7 +47,7 @@ pub fn open_with(spec: &RenderSpec, folder: &Path, units: &Units, registry: &Reg
     let options = checked.spec().loading.options(&memory);
     let scene = scene_file::read(path, &options)?;
     let rendering = prepared(&checked, scene, units, &memory)?;
-    Ok(rendering.with_moving(|| Moving::new(options, memory, units.clone())))
+    Ok(rendering.with_moving(|| Moving::new(options, memory)))
 }
 
 /// [`open_with`] for a scene in memory.

@@ -160,7 +160,7 @@ impl Shaders {
     /// an error, which is told.
     pub fn changed(&mut self, scene: &Scene) -> Option<Scene> {
         let mut changed = None;
-        let mut loader = Loader::new(scene, &self.settings, &self.options);
+        let mut loader = Loader::new(scene, &self.settings, &self.options, Pictures::new());
         for shader in &mut self.all {
             if !shader.has_changed() {
                 continue;
@@ -185,16 +185,17 @@ fn modified(file: &Path) -> Option<SystemTime> {
 
 /// Gives materials the surfaces that the scene and then `surfaces` ask for; `between` changes the scene between them.
 /// Returns the shaders, and the settings that none of them has. The options are those with which the scene was read.
-pub fn apply(
+/// Pictures among `pictures` are not read again; the others are added to them.
+pub(super) fn apply(
     scene: &mut Scene,
     scene_file: &Path,
     surfaces: &[ShaderSurface],
-    settings: &[Setting],
-    options: &LoadOptions,
+    (settings, options): (&[Setting], &LoadOptions),
+    pictures: &mut Pictures,
     between: impl FnOnce(&mut Scene) -> Result<()>,
 ) -> Result<(Shaders, Vec<Setting>)> {
     let mut all = Vec::new();
-    let mut loader = Loader::new(scene, settings, options);
+    let mut loader = Loader::new(scene, settings, options, std::mem::take(pictures));
     let requests = std::mem::take(&mut scene.surface_requests);
     let (shaders, others) = requests.into_iter().partition(|request| request.surface.ends_with(EXTENSION));
     scene.surface_requests = others;
@@ -227,10 +228,14 @@ pub fn apply(
         loader.give(scene, &mut shader).with_context(told)?;
         all.push(shader);
     }
-    let unused = settings.iter().zip(loader.used).filter(|(_, used)| !used);
+    let unused = settings.iter().zip(&loader.used).filter(|(_, used)| !**used);
     let unused = unused.map(|(setting, _)| setting.clone()).collect();
+    *pictures = loader.pictures;
     Ok((Shaders { all, settings: settings.to_vec(), options: options.clone() }, unused))
 }
+
+/// Pictures of shaders that have been read.
+pub(super) type Pictures = Vec<(PictureFile, BoundTexture)>;
 
 /// What loads shaders with their values, settings and pictures.
 struct Loader<'a> {
@@ -239,14 +244,15 @@ struct Loader<'a> {
     used: Vec<bool>,
     options: &'a LoadOptions,
     /// The pictures that have been read, and their bytes in all with those of the scene.
-    pictures: Vec<(PictureFile, BoundTexture)>,
+    pictures: Pictures,
     held: u64,
 }
 
 impl<'a> Loader<'a> {
-    fn new(scene: &Scene, settings: &'a [Setting], options: &'a LoadOptions) -> Self {
-        let (used, held) = (vec![false; settings.len()], scene.bytes());
-        Self { settings, used, options, pictures: Vec::new(), held }
+    fn new(scene: &Scene, settings: &'a [Setting], options: &'a LoadOptions, pictures: Pictures) -> Self {
+        let of_pictures = pictures.iter().map(|(_, picture)| size_of_val(picture.texels()) as u64);
+        let (used, held) = (vec![false; settings.len()], scene.bytes() + of_pictures.sum::<u64>());
+        Self { settings, used, options, pictures, held }
     }
 
     /// Gives materials a shader.

@@ -1,8 +1,9 @@
 //! Averages of mipmap levels, by the texture's use.
 
-use super::{AlphaMode, Channel, Scene, Surface};
+use super::{AlphaMode, Channel, ColourSpace, Mipmap, Scene, Surface};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Average that a texel of a mipmap level stores of the texels that it covers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -31,6 +32,11 @@ impl Scene {
     /// Computes the mipmap levels of every texture. Loaders call it. A scene built in code has no levels until it is
     /// called; then every lookup reads the image itself.
     pub fn add_mipmaps(&mut self) {
+        self.take_mipmaps(&mut Mipmaps::default());
+    }
+
+    /// [`Scene::add_mipmaps`] with levels that have been computed before; those that were missing are added to them.
+    pub(super) fn take_mipmaps(&mut self, Mipmaps(made): &mut Mipmaps) {
         let mut means = vec![Averaging::Light; self.textures.len()];
         for material in &self.materials {
             let alpha = &material.alpha;
@@ -49,16 +55,22 @@ impl Scene {
                 means[map.texture.texture as usize] = Averaging::Normals;
             }
         }
-        // Textures that differ only in addressing share texels. The map keeps the images alive, so that no other
-        // image is allocated at the address of a freed one.
-        let mut made = HashMap::new();
         for (texture, mean) in self.textures.iter_mut().zip(means) {
             let image = texture.texels.clone();
-            let (_, mipmapped) = made.entry((image.as_ptr(), texture.space, mean)).or_insert_with(|| {
-                texture.add_mipmap(mean);
-                (image, (texture.texels.clone(), texture.mipmap.clone()))
-            });
+            let (_, mipmapped) =
+                made.entry((image.as_ptr().addr(), texture.space, mean)).or_insert_with(|| {
+                    texture.add_mipmap(mean);
+                    (image, (texture.texels.clone(), texture.mipmap.clone()))
+                });
             (texture.texels, texture.mipmap) = mipmapped.clone();
         }
     }
 }
+
+type Texels = Arc<[[u8; 4]]>;
+
+/// Mipmap levels that have been computed, by the address of the image, its colour space and the average. Textures that
+/// differ only in addressing share texels. The map keeps the images alive, so that no other image is allocated at the
+/// address of a freed one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Mipmaps(HashMap<(usize, ColourSpace, Averaging), (Texels, (Texels, Mipmap))>);

@@ -1,7 +1,9 @@
 //! glTF documents, put together by hand.
 
 use crate::folder::Folder;
+use raystream::engine::{PreparedScene, Units};
 use raystream::scene::Scene;
+use raystream::scene::load::{AnimatedFile, LoadError, LoadOptions, load_with};
 use serde_json::{Value, json};
 
 /// A document with one buffer.
@@ -27,6 +29,31 @@ impl Document {
         document.mesh(json!({ "attributes": { "POSITION": positions } }));
         document.node(json!({ "mesh": 0 }));
         document
+    }
+
+    /// The scene at a time, read for this time alone. One of a file that has been shown at other times must be equal,
+    /// and so must the tree of a scene that was prepared at another time.
+    pub fn at_time(&self, seconds: f64) -> Result<Scene, LoadError> {
+        let folder = Folder::new();
+        folder.write("a.glb", self.glb());
+        let (path, options) = (folder.path("a.glb"), LoadOptions::default());
+        let still = load_with(&path, &options.clone().with_time(seconds))?;
+        let file = AnimatedFile::read(&path, &options)?;
+        for other in [seconds - 1.3, seconds + 0.4] {
+            let Ok(before) = file.at(other) else { continue };
+            let moved = file.at(seconds)?;
+            assert_eq!(moved.fingerprint(), still.fingerprint(), "{seconds} s after {other} s");
+            assert_eq!((&moved.warnings, &moved.files), (&still.warnings, &still.files));
+            let before = PreparedScene::new(before, &Units::cpu()).expect("a valid scene");
+            let tree = before.with_scene(moved).expect("a valid scene").bvh;
+            assert_eq!(tree.validate(), Ok(()));
+            assert_eq!(tree.len(), still.mesh.triangles.len());
+            for primitive in 0..tree.len() as u32 {
+                let expected = (still.mesh.corners(primitive), still.is_masked(primitive));
+                assert_eq!((tree.corners(primitive), tree.is_masked(primitive)), expected);
+            }
+        }
+        Ok(still)
     }
 
     /// Adds an entry to a list of the document; returns its index.

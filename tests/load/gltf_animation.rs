@@ -48,7 +48,7 @@ fn at(document: &Document, options: &LoadOptions) -> Result<Scene, String> {
 }
 
 fn at_time(document: &Document, seconds: f64) -> Scene {
-    at(document, &LoadOptions::default().with_time(seconds)).expect("a scene")
+    document.at_time(seconds).expect("a scene")
 }
 
 #[track_caller]

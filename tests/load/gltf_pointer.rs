@@ -18,10 +18,7 @@ impl Document {
     }
 
     fn at(&self, seconds: f64) -> Result<Scene, String> {
-        let folder = Folder::new();
-        folder.write("a.glb", self.glb());
-        let options = LoadOptions::default().with_time(seconds);
-        load_with(folder.path("a.glb"), &options).map_err(|error| error.to_string())
+        self.at_time(seconds).map_err(|error| error.to_string())
     }
 
     fn shown(&self, seconds: f64) -> Scene {

@@ -122,6 +122,50 @@ fn a_picture_does_not_depend_on_what_is_shared() {
     assert_eq!(shared.0, alone.0);
 }
 
+/// The hash of a picture.
+fn picture(prepared: &PreparedScene) -> String {
+    let camera = Camera::new([60.0, 300.0, 420.0].into(), [60.0, 0.0, 60.0].into());
+    let settings = Settings::new(32, 32).with_spp(2).with_max_bounces(2).with_seed(1);
+    let path = prepared.path(&camera, settings).expect("valid settings");
+    let service = Service::new(ServiceOptions::default().with_host_threads(2)).expect("threads");
+    prepared.submit(&service, path.clone(), JobOptions::default()).expect("a job").wait().expect("a frame");
+    path.film().image().hash()
+}
+
+#[test]
+fn instances_that_move_keep_their_trees() {
+    // Beside a triangle of its own that moves, stands still, or is not there.
+    for [has_triangle, triangle_moves] in [[true, true], [true, false], [false, false]] {
+        let mut document = hills(200);
+        if has_triangle {
+            let corners = document.floats("VEC3", &[0.0, 90.0, 0.0, 90.0, 90.0, 0.0, 0.0, 90.0, 90.0]);
+            let mesh = document.mesh(json!({ "attributes": { "POSITION": corners } }));
+            document.node(json!({ "mesh": mesh }));
+        }
+        let scene = |document: &Document| {
+            let mut scene = document.scene();
+            scene.environment = Environment::Constant([1.0, 0.8, 0.6].into());
+            scene
+        };
+        let old = PreparedScene::new(scene(&document), &Units::cpu()).expect("a valid scene");
+        document.json["nodes"][1]["translation"] = json!([-70.0, 40.0, 20.0]);
+        if triangle_moves {
+            document.json["nodes"][3]["translation"] = json!([9.0, 0.0, 9.0]);
+        }
+        let new = old.with_scene(scene(&document)).expect("a valid scene");
+        let fresh = PreparedScene::new(scene(&document), &Units::cpu()).expect("a valid scene");
+        assert_eq!(new.bvh.validate(), Ok(()));
+        assert_eq!(new.bvh.scene_max_abs(), fresh.bvh.scene_max_abs());
+        let kept: Vec<bool> = (old.bvh.instances().iter().zip(new.bvh.instances()))
+            .map(|(old, new)| Arc::ptr_eq(&old.tree, &new.tree))
+            .collect();
+        let own: &[bool] = if has_triangle { &[!triangle_moves] } else { &[] };
+        assert_eq!(kept, [own, &[true; 3]].concat());
+        assert_eq!(picture(&new), picture(&fresh));
+        assert_ne!(picture(&new), picture(&old));
+    }
+}
+
 #[test]
 fn each_node_is_an_object_and_copies_are_numbered() {
     let mut document = document();

@@ -1,6 +1,8 @@
 //! Pictures of a scene with another appearance have the bytes of one prepared from nothing; the tree is the same.
 
 use super::*;
+use raystream::scene::generate;
+use std::path::Path;
 
 /// A change of a scene.
 type Change = fn(&mut Scene);
@@ -88,6 +90,53 @@ fn the_tree_is_built_anew_if_it_must_be() {
     for change in REBUILDING {
         check(|_| (), change, false);
     }
+}
+
+/// A scene of 5000 triangles.
+fn rolled(change: impl Fn(Vec3) -> Vec3) -> Scene {
+    let mut scene = generate::scene(Path::new("terrain:50")).expect("a generated scene");
+    scene.mesh.positions.iter_mut().for_each(|position| *position = change(*position));
+    scene.mesh.normals.clear();
+    scene.shapes = Vec::new().into();
+    scene
+}
+
+#[test]
+fn triangles_that_moved_are_refitted_until_their_boxes_are_too_loose() {
+    let prepare = |scene: Scene| PreparedScene::new(scene, &Units::cpu()).expect("a valid scene");
+    let service = service();
+    let (flat, size) = (rolled(|p| p), rolled(|p| p).bounds());
+    let reach = (size.max - size.min).max_element();
+    let mut moved = prepare(flat);
+    let nodes = |prepared: &PreparedScene| prepared.bvh.wide().nodes().len();
+    let built = nodes(&moved);
+    // Twisted a little more each time, and carried away.
+    let twist = |step: f32| {
+        move |p: Vec3| {
+            let angle = 0.1 * step * p.x / reach;
+            Vec3::new(p.x, p.y * angle.cos() - p.z * angle.sin(), p.y * angle.sin() + p.z * angle.cos())
+                * step
+        }
+    };
+    for step in 2..5 {
+        moved = moved.with_scene(rolled(twist(step as f32))).expect("a valid scene");
+        assert_eq!((nodes(&moved), moved.bvh.validate()), (built, Ok(())));
+        let fresh = prepare(rolled(twist(step as f32)));
+        assert_eq!(picture(&service, &moved), picture(&service, &fresh));
+        assert!(moved.bvh.cost() > fresh.bvh.cost(), "it is refitted");
+    }
+    // Each point far from where its neighbours go: a tree that was refitted would be useless.
+    let scatter = |p: Vec3| Vec3::new(p.z, p.y, (p.x * 7919.0 + p.z * 104_729.0) % reach);
+    let fresh = prepare(rolled(scatter));
+    let scattered = moved.with_scene(rolled(scatter)).expect("a valid scene");
+    assert_eq!(scattered.bvh.cost(), fresh.bvh.cost(), "it is built anew");
+    assert_eq!(picture(&service, &scattered), picture(&service, &fresh));
+    // What was built anew is compared with itself.
+    let again = scattered.with_scene(rolled(|p| 2.0 * scatter(p))).expect("a valid scene");
+    assert_eq!(nodes(&again), nodes(&scattered));
+    // Where nothing has moved the tree stays as it is.
+    let same = scattered.with_scene(rolled(scatter)).expect("a valid scene");
+    assert!(Arc::ptr_eq(&same.bvh, &scattered.bvh));
 }
 
 #[test]

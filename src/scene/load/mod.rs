@@ -28,6 +28,8 @@
 //! ```
 
 #[cfg(feature = "formats")]
+mod animated_file;
+#[cfg(feature = "formats")]
 mod decode;
 mod dropped;
 #[cfg(feature = "formats")]
@@ -57,6 +59,8 @@ mod textures;
 mod warnings;
 
 #[cfg(feature = "formats")]
+pub use animated_file::AnimatedFile;
+#[cfg(feature = "formats")]
 pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with};
 pub use error::{LoadError, LoadProblem};
 pub use options::LoadOptions;
@@ -66,9 +70,9 @@ pub use texture::texture;
 
 #[cfg(all(doc, feature = "formats"))]
 use super::EnvironmentMap;
-use super::Scene;
 #[cfg(feature = "formats")]
 use super::recipe::{Recipe, RecipeError};
+use super::{Mipmaps, Scene};
 use crate::memory::OutOfMemory;
 use kind::Kind;
 use session::Session;
@@ -143,7 +147,7 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
     if let Some(name) = session.options.variant.clone().filter(|_| kind != Kind::Gltf) {
         return Err(LoadProblem::Variant { path, name, known: Vec::new() });
     }
-    let mut scene = match kind {
+    let scene = match kind {
         Kind::Obj => obj::load(session),
         #[cfg(feature = "formats")]
         Kind::Gltf => gltf::load(session),
@@ -160,6 +164,13 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
                     .into(),
         }),
     }?;
+    finished(scene, session, &mut Mipmaps::default())
+}
+
+/// A scene that a loader has made, once it has been checked, with its mipmap levels. Those that are missing are added
+/// to `mipmaps`.
+fn finished(mut scene: Scene, session: &Session, mipmaps: &mut Mipmaps) -> Result<Scene, LoadProblem> {
+    let path = session.path.clone();
     if scene.mesh.triangles.is_empty() {
         return Err(LoadProblem::Empty { path, reasons: session.warnings.list().to_vec() });
     }
@@ -167,9 +178,9 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
     valid.map_err(|source| LoadProblem::Mesh { path, source })?;
     // Levels are computed from sums that take as much memory again.
     let largest = scene.textures.iter().map(|texture| 11 * texture.image().len() as u64).max().unwrap_or(0);
-    let mipmaps = session.check("the mipmaps of the textures", scene.mipmap_bytes() + largest);
-    mipmaps.map_err(|source| session.over(source))?;
-    scene.add_mipmaps();
+    let fits = session.check("the mipmaps of the textures", scene.mipmap_bytes() + largest);
+    fits.map_err(|source| session.over(source))?;
+    scene.take_mipmaps(mipmaps);
     Ok(scene)
 }
 

@@ -9,6 +9,7 @@ use crate::scene::{MAX_TRIANGLES, MeshError, MeshSize, TriangleMesh};
 use std::path::{Path, PathBuf};
 
 /// The scene's file, the options, the warnings and named files so far, and the bytes that the scene holds so far.
+#[derive(Clone)]
 pub(super) struct Session {
     pub(super) path: PathBuf,
     pub(super) options: LoadOptions,

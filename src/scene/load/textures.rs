@@ -5,7 +5,7 @@ use super::LoadProblem;
 use super::decode::decode;
 use super::session::Session;
 use crate::lanes::for_pairs_mut;
-use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
+use crate::scene::{ColourSpace, Mipmap, Mipmaps, Texture, Wrap};
 use image::DynamicImage;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -88,16 +88,36 @@ impl Pixels {
     }
 }
 
+/// Images that have been decoded before, and their mipmap levels.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Images {
+    by_source: HashMap<Source, Arc<Pixels>>,
+    pub(super) mipmaps: Mipmaps,
+}
+
+impl Images {
+    /// Bytes of the decoded images, without their mipmap levels.
+    pub(super) fn bytes(&self) -> u64 {
+        self.by_source.values().map(|pixels| size_of_val(&*pixels.texels) as u64).sum()
+    }
+}
+
 /// All images and textures so far.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
-    images: Vec<Pixels>,
+    decoded: Images,
+    images: Vec<Arc<Pixels>>,
     by_source: HashMap<Source, usize>,
     textures: Vec<Texture>,
     by_use: HashMap<(usize, ColourSpace, [Wrap; 2]), u32>,
 }
 
 impl Textures {
+    /// No textures yet, of images that need not be decoded again.
+    pub(super) fn of_images(decoded: Images) -> Self {
+        Self { decoded, ..Self::default() }
+    }
+
     /// The index of an image. The image is decoded if it is new; `bytes` reads its file in that case only. `name` is
     /// the image's name in warnings.
     ///
@@ -113,14 +133,25 @@ impl Textures {
         if let Some(&image) = self.by_source.get(&source) {
             return Ok(image);
         }
+        if let Some(pixels) = self.decoded.by_source.get(&source).map(Arc::clone) {
+            if let Source::File(path) = &source {
+                session.files.push(path.clone());
+            }
+            session
+                .hold("an image", size_of_val(&*pixels.texels) as u64)
+                .map_err(|error| error.to_string())?;
+            return Ok(self.add(source, pixels));
+        }
         let decoded = decode(&bytes(session)?, Path::new(name), |size| {
             session.check(size.to_string(), size.bytes + WORKING_BYTES * size.texels())?;
             session.hold(size.to_string(), HELD_BYTES * size.texels())
         })?;
-        Ok(self.add(source, Pixels::new(name.to_owned(), decoded)))
+        let pixels = Arc::new(Pixels::new(name.to_owned(), decoded));
+        self.decoded.by_source.insert(source.clone(), Arc::clone(&pixels));
+        Ok(self.add(source, pixels))
     }
 
-    fn add(&mut self, source: Source, pixels: Pixels) -> usize {
+    fn add(&mut self, source: Source, pixels: Arc<Pixels>) -> usize {
         self.images.push(pixels);
         self.by_source.insert(source, self.images.len() - 1);
         self.images.len() - 1
@@ -148,7 +179,7 @@ impl Textures {
         session.missing(told(format!("{problem}; {remedy}")))?;
         Ok(match self.by_source.get(&Source::StandIn) {
             Some(&image) => image,
-            None => self.add(Source::StandIn, Pixels::stand_in()),
+            None => self.add(Source::StandIn, Pixels::stand_in().into()),
         })
     }
 
@@ -195,6 +226,11 @@ impl Textures {
     /// All textures.
     pub(super) fn into_list(self) -> Vec<Texture> {
         self.textures
+    }
+
+    /// All textures, and all images that have been decoded.
+    pub(super) fn into_parts(self) -> (Vec<Texture>, Images) {
+        (self.textures, self.decoded)
     }
 }
 

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 const MAX_WARNINGS: usize = 100;
 
 /// Warnings in the order of their first occurrence, each once.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Warnings {
     list: Vec<String>,
     sentences: BTreeSet<String>,

@@ -77,7 +77,7 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     })?;
     let rendering = checked.rendering(setup.prepared.clone())?.with_policy(setup.policy);
     let rendering = rendering.with_threads(setup.service.host_threads());
-    let rendering = rendering.with_moving(|| Moving::new(options, memory, setup.units.clone()));
+    let rendering = rendering.with_moving(|| Moving::new(options, memory));
     ensure!(!args.watch || !watched.is_empty(), "--watch: no material has a shader; see --surface");
     if args.spec.has_several() {
         let animation = Animation::new(args, &rendering)?;

@@ -150,22 +150,25 @@ impl Bvh {
         Self { max_abs, wide, triangle_blocks: Vec::new(), instances: Some(instances), ..over_boxes }
     }
 
-    /// Moves the instances of a two-level tree, one placement each in the order of [`Bvh::instances`]. Hits are to
-    /// the bit those of a tree that is built over the moved instances.
+    /// Moves the instances of a two-level tree, one placement each in the order of [`Bvh::instances`]; `None` for one
+    /// in world space. Hits are to the bit those of a tree that is built over the moved instances.
     ///
     /// Refits the tree over the instances; builds it anew where its cost has grown by half. Their boxes may be a few
     /// percent larger than the smallest ones: so a move does not walk through the instances' trees.
     ///
     /// # Panics
     /// If there is not one placement for each instance.
-    pub fn move_instances(&mut self, placements: impl ExactSizeIterator<Item = Placement>) {
+    pub fn move_instances<P: Into<Option<Placement>>>(
+        &mut self,
+        placements: impl ExactSizeIterator<Item = P>,
+    ) {
         let Some(instances) = &mut self.instances else {
             assert_eq!(placements.len(), 0, "a tree of triangles has no instances");
             return;
         };
         assert_eq!(placements.len(), instances.all.len(), "one placement per instance");
         for (instance, placement) in instances.all.iter_mut().zip(placements) {
-            instance.placement = Some(placement);
+            instance.placement = placement.into();
         }
         SimdLevel::run_eight(RoughBounds { instances: &mut instances.all });
         let nodes = &mut self.wide.nodes;
@@ -175,6 +178,19 @@ impl Bvh {
         if cost_over_instances(&self.wide) > MAX_COST_GROWTH * instances.built_cost {
             *self = Self::from_instances(std::mem::take(&mut instances.all));
         }
+    }
+
+    /// Puts a tree in place of that of an instance, such as one that was refitted. The boxes above are wrong until
+    /// [`Bvh::move_instances`] has been called.
+    ///
+    /// # Panics
+    /// If there is no such instance, or the tree has other primitive ids or instances of its own.
+    pub fn set_tree(&mut self, instance: usize, tree: Arc<Self>) {
+        let instances = self.instances.as_mut().expect("a two-level tree");
+        let own = &mut instances.all[instance].tree;
+        let is_alike = tree.len() == own.len() && tree.ids == own.ids && tree.instances.is_none();
+        assert!(is_alike, "a tree of the same primitive ids");
+        *own = tree;
     }
 
     /// The instances of a two-level tree; none in a tree of triangles. In a two-level tree a child of
@@ -201,11 +217,10 @@ impl LaneTask for RoughBounds<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, _: L) {
         for TreeInstance { tree, placement, bounds, .. } in self.instances {
-            if let Some(placement) = placement
-                && !tree.is_empty()
-            {
-                *bounds = tree.supports().moved_bounds(&tree.bounds, placement);
-            }
+            *bounds = match placement {
+                Some(placement) if !tree.is_empty() => tree.supports().moved_bounds(&tree.bounds, placement),
+                _ => tree.bounds,
+            };
         }
     }
 }

@@ -153,6 +153,12 @@ impl Bvh {
     /// node costs 1. A leaf block costs 1 and 0.04 a triangle, or, if its box is large, 0.5 and 0.7 a
     /// triangle.
     pub fn cost(&self) -> f32 {
+        let below = self.cost_below_root() / self.bounds.half_area();
+        if self.is_empty() { 0.0 } else { collapse_plan::NODE_COST + below }
+    }
+
+    /// The cost of all children, each by half the surface of its box.
+    fn cost_below_root(&self) -> f32 {
         let costs = Costs::of_tree(self.bounds.half_area());
         let node_cost = |node: &WideNode| -> f32 {
             let slots = (0..WIDTH).filter(|&slot| node.children[slot] != Child::NONE);
@@ -162,8 +168,7 @@ impl Bvh {
             };
             slots.map(|slot| child_cost(node.bounds(slot), node.children[slot])).sum()
         };
-        let below: f32 = self.wide.nodes().iter().map(node_cost).sum();
-        if self.is_empty() { 0.0 } else { collapse_plan::NODE_COST + below / self.bounds.half_area() }
+        self.wide.nodes().iter().map(node_cost).sum()
     }
 
     /// Number of triangles.

@@ -4,13 +4,13 @@ use std::ops::Range;
 
 /// Maps the indices of a tree's triangles to their primitive ids and back. Ids ascend with indices; they are
 /// stored as runs of consecutive ids.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PrimitiveIds {
     /// Empty if each id is the index.
     runs: Vec<Run>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Run {
     /// Index of the first triangle.
     index: u32,

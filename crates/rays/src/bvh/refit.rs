@@ -36,7 +36,7 @@ impl Bvh {
     /// [`Bvh::build`].
     ///
     /// Much cheaper than building, and the tree traces as well as long as triangles keep their neighbours.
-    /// When [`Bvh::cost`] has grown by half, build a new tree. If triangles that shared a corner move it to
+    /// When [`Bvh::looseness`] has grown by half, build a new tree. If triangles that shared a corner move it to
     /// different points, all leaf blocks are packed again: that takes three times as long and holds the
     /// blocks in memory twice. Runs on the current rayon pool.
     ///
@@ -87,6 +87,23 @@ impl Bvh {
                 self.wide.blocks_of_triangles(count, |primitive| self.ids.index(primitive));
         }
         Ok(())
+    }
+
+    /// How loosely the boxes of a tree of triangles fit: the cost of all that lies below its root, as [`Bvh::cost`]
+    /// counts it, by the surfaces of the boxes of single triangles. A tree that was refitted is compared with itself
+    /// when it was built: [`Bvh::cost`] alone falls where triangles far away make the whole larger, and this number
+    /// changes with neither size nor place of the whole. 0 if no triangle has a surface.
+    pub fn looseness(&self) -> f32 {
+        let of_node = |node: &WideNode| -> f32 {
+            let of_block = |child: Child| -> f32 {
+                let block = self.wide.blocks.get(child);
+                (0..block.len()).map(|row| Aabb::around(block.corners(row)).half_area()).sum()
+            };
+            node.block_children().map(of_block).sum()
+        };
+        let surfaces: Vec<f32> = self.wide.nodes().par_iter().with_min_len(1 << 8).map(of_node).collect();
+        let surface: f32 = surfaces.into_iter().sum();
+        if surface > 0.0 { self.cost_below_root() / surface } else { 0.0 }
     }
 }
 

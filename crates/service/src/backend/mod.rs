@@ -201,7 +201,7 @@ impl RenderBackend {
         let rendering = checked.rendering(kept.prepared.clone())?.with_policy(self.units.policy);
         let rendering = rendering.with_threads(self.service().host_threads());
         let options = checked.spec().loading.options(&self.memory).with_root(folder);
-        let moving = || Moving::new(options, self.memory, self.units.units.clone());
+        let moving = || Moving::new(options, self.memory);
         let rendering = rendering.with_moving(moving);
         Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone(), kept))
     }

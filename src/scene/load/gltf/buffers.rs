@@ -76,6 +76,12 @@ impl Buffers {
         Ok(buffers)
     }
 
+    /// Bytes of all that is held.
+    pub(super) fn bytes(&self) -> u64 {
+        let accessors = self.accessors.values().map(|decompressed| &decompressed.bytes);
+        self.list.iter().chain(self.views.values()).chain(accessors).map(|bytes| bytes.len() as u64).sum()
+    }
+
     /// The elements of an accessor that a compressed mesh holds.
     pub(super) fn decompressed(&self, accessor: &Accessor) -> Option<&Decompressed> {
         self.accessors.get(&accessor.index())

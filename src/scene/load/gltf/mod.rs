@@ -27,7 +27,7 @@ mod texture;
 mod variant;
 
 use super::session::Session;
-use super::textures::Textures;
+use super::textures::{Images, Textures};
 use super::warnings::Warnings;
 use super::{LoadProblem, check_text};
 use crate::scene::{Material, Scene};
@@ -58,52 +58,84 @@ impl Context<'_> {
     }
 }
 
+/// A `.gltf` or `.glb` file that has been read, with its buffers.
+pub(super) struct File {
+    document: Document,
+    buffers: Buffers,
+    pointers: Pointers,
+    targets: Targets,
+}
+
 /// Loads a `.gltf` or `.glb` file with its buffers and images.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
-    let path = session.path.clone();
-    let bytes = session.read()?;
-    let container = container::split(&path, &bytes)?;
-    check_text(&path, container.json)?;
-    let pointers = Pointers::take(session, container.json)?;
-    let document = parse(&path, container.json, &pointers, &mut session.warnings)?;
-    let buffers = Buffers::read(session, &document, container.binary)?;
-    let targets = Targets::read(container.json);
-    let (buffers, pointers, targets) = (&buffers, &pointers, &targets);
-    let mut context = Context { session, document: &document, buffers, pointers, targets };
-    let shown = pointers.shown(&mut context)?;
-    let document = shown.as_ref().unwrap_or(&document);
-    let mut context = Context { session, document, buffers, pointers, targets };
-    let variants = variant::names(document);
-    let chosen = MaterialsByPrimitive::new(&context, &variants)?;
-    let colours = colour::by_material(document, &chosen);
-    let mut textures = Textures::default();
-    let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
-    for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
-        converted.push(material::convert(&mut context, &mut textures, &material, colours)?);
-        surface_requests.extend(extras::surface_request(number, &material, &mut context.session.warnings));
+    File::read(session)?.scene(session, &mut Images::default())
+}
+
+impl File {
+    /// Reads a file and its buffers.
+    pub(super) fn read(session: &mut Session) -> Result<Self, LoadProblem> {
+        let path = session.path.clone();
+        let bytes = session.read()?;
+        let container = container::split(&path, &bytes)?;
+        check_text(&path, container.json)?;
+        let pointers = Pointers::take(session, container.json)?;
+        let document = parse(&path, container.json, &pointers, &mut session.warnings)?;
+        let buffers = Buffers::read(session, &document, container.binary)?;
+        let targets = Targets::read(container.json);
+        Ok(Self { document, buffers, pointers, targets })
     }
-    let world = node::flatten(&mut context, Materials { converted: &converted, chosen: &chosen })?;
-    let mut materials: Vec<Material> = converted.into_iter().map(|m| m.material).collect();
-    if world.uses_fallback {
-        let is_coloured = colours.last().is_some_and(|colours| colours.rgb);
-        materials.push(if is_coloured { Material::vertex_coloured() } else { Material::fallback() });
+
+    /// Bytes of its buffers, decompressed ones too.
+    pub(super) fn bytes(&self) -> u64 {
+        self.buffers.bytes()
     }
-    Ok(Scene {
-        mesh: world.mesh.into(),
-        shapes: world.shapes.into(),
-        objects: world.objects.into(),
-        materials,
-        textures: textures.into_list(),
-        lights: world.lights,
-        camera: world.cameras.first().map(|named| named.camera),
-        camera_motion: world.cameras.first().and_then(|named| named.motion.clone()),
-        cameras: world.cameras,
-        surface_requests,
-        is_animated: world.is_animated,
-        stroke_width: world.stroke_width,
-        variants,
-        ..Scene::default()
-    })
+
+    /// The scene as the session's options choose it. Images among `images` are not decoded again; the others are added
+    /// to them.
+    pub(super) fn scene(&self, session: &mut Session, images: &mut Images) -> Result<Scene, LoadProblem> {
+        let Self { document, buffers, pointers, targets } = self;
+        let mut context = Context { session, document, buffers, pointers, targets };
+        let shown = pointers.shown(&mut context)?;
+        let document = shown.as_ref().unwrap_or(document);
+        let mut context = Context { session, document, buffers, pointers, targets };
+        let variants = variant::names(document);
+        let chosen = MaterialsByPrimitive::new(&context, &variants)?;
+        let colours = colour::by_material(document, &chosen);
+        let mut textures = Textures::of_images(std::mem::take(images));
+        let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
+        for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
+            converted.push(material::convert(&mut context, &mut textures, &material, colours)?);
+            surface_requests.extend(extras::surface_request(
+                number,
+                &material,
+                &mut context.session.warnings,
+            ));
+        }
+        let world = node::flatten(&mut context, Materials { converted: &converted, chosen: &chosen })?;
+        let mut materials: Vec<Material> = converted.into_iter().map(|m| m.material).collect();
+        if world.uses_fallback {
+            let is_coloured = colours.last().is_some_and(|colours| colours.rgb);
+            materials.push(if is_coloured { Material::vertex_coloured() } else { Material::fallback() });
+        }
+        let (textures, decoded) = textures.into_parts();
+        *images = decoded;
+        Ok(Scene {
+            mesh: world.mesh.into(),
+            shapes: world.shapes.into(),
+            objects: world.objects.into(),
+            materials,
+            textures,
+            lights: world.lights,
+            camera: world.cameras.first().map(|named| named.camera),
+            camera_motion: world.cameras.first().and_then(|named| named.motion.clone()),
+            cameras: world.cameras,
+            surface_requests,
+            is_animated: world.is_animated,
+            stroke_width: world.stroke_width,
+            variants,
+            ..Scene::default()
+        })
+    }
 }
 
 /// Parses and checks the JSON. Afterwards every index in it is in range and every enumeration value is known.
