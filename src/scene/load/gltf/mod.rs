@@ -22,6 +22,7 @@ mod node;
 mod object;
 mod pointer;
 mod pose;
+mod span;
 mod targets;
 mod texture;
 mod variant;
@@ -100,6 +101,7 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
         cameras: world.cameras,
         surface_requests,
         is_animated: world.is_animated,
+        animations: span::all(&context),
         stroke_width: world.stroke_width,
         variants,
         ..Scene::default()
