@@ -6,10 +6,13 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, Divan, black_box};
 use glam::Vec3;
 use raystream::bvh::Bvh;
+use raystream::engine::{PreparedScene, Units};
 use raystream::film::Film;
 use raystream::geom::{Sampler, warp};
 use raystream::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
+use raystream::render::{AovSet, Integrator, Settings};
 use raystream::scene::{Camera, Effects, Finish, generate};
+use raystream::schedule::{JobOptions, Service, ServiceOptions};
 use raystream::shade::Bsdf;
 use raystream::shade::bsdf::{Matte, Principled, Smoothness};
 use raystream::stream::{Hit, Ray, Tracer};
@@ -194,6 +197,22 @@ mod bsdf {
 fn film_splat(bencher: Bencher, level: SimdLevel) {
     let film = Film::new(COUNT as u32, 1, 1 << 20).expect("not too many splats");
     bencher.counter(ItemsCount::new(COUNT)).bench(|| level.run(Splats(&film)));
+}
+
+/// The filter of a moving frame of 768×432 pixels, on two threads.
+#[divan::bench(args = SimdLevel::available())]
+fn moving_filter(bencher: Bencher, level: SimdLevel) {
+    let prepared =
+        PreparedScene::new(generate::matte(generate::terrain(200)), &Units::cpu()).expect("a scene");
+    let camera = Camera::framing(&prepared.scene.bounds(), 16.0 / 9.0);
+    let settings = Settings::new(768, 432).with_spp(1).with_max_bounces(1);
+    let path = prepared.path(&camera, settings).expect("a frame");
+    let path = Arc::new(path.with_aovs(&AovSet::guides()).expect("layers"));
+    let service = Service::new(ServiceOptions::default()).expect("threads");
+    let job = prepared.submit(&service, Arc::clone(&path), JobOptions::default()).expect("a job");
+    job.wait().expect("rendered");
+    let frame = path.frame().with_pass(path.frame().pass().clone()).with_simd(level);
+    bencher.counter(ItemsCount::new(768_usize * 432)).bench(|| frame.develop_filtered(path.film(), 2));
 }
 
 struct Splats<'a>(&'a Film);

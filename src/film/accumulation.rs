@@ -450,19 +450,22 @@ impl Film {
 
     /// [`Film::resolve`] for some of the pixels.
     pub(super) fn resolve_some(&self, pixels: Range<usize>) -> Vec<[f32; 3]> {
+        pixels.map(|pixel| self.mean_of(pixel)).collect()
+    }
+
+    /// [`Film::resolve`] for one pixel.
+    #[inline]
+    pub(super) fn mean_of(&self, pixel: usize) -> [f32; 3] {
         let unit = 1.0 / (1u64 << self.fraction_bits) as f64;
-        self.sums[pixels.clone()]
-            .iter()
-            .zip(&self.samples[pixels])
-            .map(|(sums, samples)| match samples.load(Relaxed) {
-                0 => [0.0; 3],
-                n => {
-                    // No `map`, which is no inlined loop.
-                    let mean = |sum: &AtomicI64| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32;
-                    [mean(&sums[0]), mean(&sums[1]), mean(&sums[2])]
-                }
-            })
-            .collect()
+        let sums = &self.sums[pixel];
+        match self.samples[pixel].load(Relaxed) {
+            0 => [0.0; 3],
+            n => {
+                // No `map`, which is no inlined loop.
+                let mean = |sum: &AtomicI64| (sum.load(Relaxed) as f64 * unit / f64::from(n)) as f32;
+                [mean(&sums[0]), mean(&sums[1]), mean(&sums[2])]
+            }
+        }
     }
 }
 

@@ -9,6 +9,7 @@
 //! progress) is no part of a spec.
 
 mod any_integrator;
+mod at_time;
 mod checked;
 mod checkpoint;
 mod facts;
@@ -32,6 +33,7 @@ mod views;
 mod watched;
 
 pub use any_integrator::AnyIntegrator;
+pub use at_time::TimedScene;
 pub use checked::{CheckedSpec, afford};
 pub use checkpoint::Checkpoint;
 pub use frames::Frames;

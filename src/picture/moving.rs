@@ -50,7 +50,7 @@ impl Moving {
 
     /// The scene at a time. Its light, and the width of its points and lines, are those of the scene that the rendering
     /// was opened with: what that lacked, and was assumed, is assumed for all times.
-    fn scene(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
+    pub(super) fn scene(&self, seconds: f64, opened: &Rendering) -> Result<PreparedScene> {
         let next = {
             let Scenes { kept, next, .. } = &mut *lock(&self.scenes);
             let known = kept.iter().position(|(kept, _)| *kept == seconds);

@@ -1,7 +1,7 @@
 //! AOVs (arbitrary output variables): the layers that a frame can have besides its picture.
 
 use super::Frame;
-use crate::film::{COVERAGE_ID_BITS, LayerPlan};
+use crate::film::{COVERAGE_ID_BITS, GuideSums, LayerPlan};
 use crate::memory::OutOfMemory;
 use crate::scene::Scene;
 use std::fmt;
@@ -68,6 +68,9 @@ pub(super) const MEANS: &[(Aov, &[&str])] = &[
 
 /// Number of channels of the features that guide a denoiser, which are the last of [`MEANS`].
 pub(super) const FEATURES: usize = 6;
+
+/// AOVs that guide the filter of moving frames: normal, position, colour, emission.
+const GUIDES: [Aov; 4] = [Aov::ShadingNormal, Aov::Position, Aov::Albedo, Aov::Emission];
 
 /// AOVs that count samples by id.
 pub(super) const COUNTS: &[Aov] = &[Aov::CryptoObject, Aov::CryptoMaterial, Aov::CryptoAsset];
@@ -147,6 +150,22 @@ impl AovSet {
             self.list.push(aov);
         }
         self
+    }
+
+    /// The layers that guide the filter of moving frames ([`super::Frame::develop_filtered`]).
+    pub fn guides() -> Self {
+        Self { list: GUIDES.to_vec(), ..Self::NONE }
+    }
+
+    /// The first sum of each layer of [`AovSet::guides`], if a film with these layers has them.
+    pub(super) fn guide_sums(&self) -> Option<GuideSums> {
+        let sum = |wanted: Aov| {
+            let before =
+                MEANS.iter().filter(|(aov, _)| self.holds(*aov)).take_while(|(aov, _)| *aov != wanted);
+            self.holds(wanted).then(|| before.map(|(_, channels)| channels.len()).sum())
+        };
+        let [normal, position, colour, emission] = GUIDES.map(sum);
+        Some(GuideSums { normal: normal?, position: position?, colour: colour?, emission: emission? })
     }
 
     /// The same set with alpha. The picture then lacks the radiance of the environment that camera rays see directly.

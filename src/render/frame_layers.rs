@@ -5,9 +5,13 @@ pub(super) mod layer_record;
 
 use super::Frame;
 use super::aov::{Aov, AovError, AovSet, COUNTS, FEATURES, MEANS};
-use crate::film::{Coverage, Film, Image, Layer, LayerValues, NoisyPicture, Picture, Region, power_of_two};
+use crate::film::{
+    Coverage, Film, GuidedPicture, Image, Layer, LayerValues, NoisyPicture, Picture, Region, Viewpoint,
+    power_of_two,
+};
 use crate::lanes::SimdLevel;
 use crate::scene::{Lens, Objects, Scene};
+use glam::Vec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -128,6 +132,20 @@ impl Frame {
     /// If the film is of another kind of frame.
     pub fn develop_denoised(&self, film: &Film, threads: usize) -> Picture {
         self.developer().develop_denoised(film, self.simd(), threads)
+    }
+
+    /// The picture of a film of this frame, or of its part, after a filter of milliseconds that removes most noise of
+    /// few samples, on `threads` threads. Without [`AovSet::guides`] the picture is as it is. It has no layers.
+    ///
+    /// # Panics
+    /// If the film is of another kind of frame.
+    pub fn develop_filtered(&self, film: &Film, threads: usize) -> Image {
+        let (lens, region) = (self.lens(), self.part().region);
+        let Some(sums) = self.aovs().guide_sums() else { return Image::of(film, region) };
+        let middle = lens.ray(self.settings().width / 2, self.settings().height / 2, [0.5; 2]);
+        let eye = middle.map_or(Vec3::ZERO, |(origin, _)| origin);
+        let viewpoint = Viewpoint { eye, cone: lens.cone() };
+        GuidedPicture::of(film, region, sums, viewpoint, threads).filtered(self.simd(), threads)
     }
 }
 

@@ -1,6 +1,7 @@
 //! A scene: a triangle mesh with materials and textures, lights, an environment and a camera. `scene::load` reads
 //! scenes from files. This module knows neither streams nor the BVH.
 
+mod animation_span;
 mod assembly;
 mod block;
 mod bound_texture;
@@ -60,6 +61,7 @@ mod texture_image;
 mod texture_point;
 mod validate;
 
+pub use animation_span::AnimationSpan;
 pub use assembly::{Assembly, AssemblyError, Part};
 pub use block::{BlockColumns, BlockFinishes, BlockSurface};
 pub use bound_texture::{BoundTexture, NoTexture, TEXTURED_INPUTS};
@@ -164,6 +166,8 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// True if an animation of the file moves more than cameras ([`load::LoadOptions::with_time`]).
     pub is_animated: bool,
+    /// The animations of the file that move more than cameras, in its order.
+    pub animations: Vec<AnimationSpan>,
     /// The width in world units of the balls and tubes that stand for a glTF file's points and lines, if it has some.
     pub stroke_width: Option<f32>,
     /// Names of the material variants of the file (KHR_materials_variants). [`load::LoadOptions::with_variant`]

@@ -65,16 +65,42 @@ def triangle_glb():
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-class Service:
-    """`raystream view` of a scene; `start` and `kill` may alternate."""
+def moving_gltf():
+    """A triangle that moves to the right for a second, or upwards for two, before a wall, and a camera."""
+    numbers = [("VEC3", (-0.5, -0.5, 0, 0.5, -0.5, 0, 0, 0.5, 0)), ("VEC3", (-9, -9, -1, 9, -9, -1, 0, 12, -1)),
+               ("SCALAR", (0, 1)), ("VEC3", (-1, 0, 0, 1, 0, 0)), ("SCALAR", (0, 2)), ("VEC3", (0, 0, 0, 0, 1, 0))]
+    data = b"".join(struct.pack(f"<{len(values)}f", *values) for _, values in numbers)
+    views, accessors, start = [], [], 0
+    for number, (kind, values) in enumerate(numbers):
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": 4 * len(values)})
+        count = len(values) // (3 if kind == "VEC3" else 1)
+        accessors.append({"bufferView": number, "componentType": 5126, "type": kind, "count": count})
+        start += 4 * len(values)
+    animations = [{"name": name, "samplers": [{"input": first, "output": first + 1}],
+                   "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]}
+                  for name, first in (("right", 2), ("up", 4))]
+    return json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1, 2]}],
+        "nodes": [{"mesh": 0}, {"mesh": 1}, {"camera": 0, "translation": [0, 0.2, 4]}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": mesh}}]} for mesh in (0, 1)],
+        "animations": animations, "accessors": accessors, "bufferViews": views,
+        "buffers": [{"byteLength": len(data),
+                     "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode()}],
+    })
 
-    def __init__(self, folder, *options):
+
+class Service:
+    """`raystream view` of a scene, a file's name and its text; `start` and `kill` may alternate."""
+
+    def __init__(self, folder, scene, *options):
         self.folder, self.options = folder, options
         if TLS:
             self.options += self.certificate()
         self.port = free_port()
-        self.scene = folder / "scene.json"
-        self.scene.write_text(json.dumps(SCENE))
+        name, text = scene
+        self.scene = folder / name
+        self.scene.write_text(text)
         self.process = None
 
     def certificate(self):
@@ -134,13 +160,14 @@ class Case(unittest.TestCase):
     """A test with a service and a browser."""
 
     OPTIONS = ()
+    SCENE = "scene.json", json.dumps(SCENE)
 
     @classmethod
     def setUpClass(cls):
         if not shutil.which(CHROMIUM):
             raise AssertionError(f"{CHROMIUM} is missing; install Chromium, or set CHROMIUM")
         cls.folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
-        cls.service = Service(cls.folder, *cls.OPTIONS)
+        cls.service = Service(cls.folder, cls.SCENE, *cls.OPTIONS)
         cls.addClassCleanup(cls.service.kill)
         cls.service.start()
         playwright = cls.enterClassContext(sync_playwright())

@@ -194,6 +194,79 @@ class Live(service.Case):
         self.assertEqual(unnamed, [])
 
 
+class Moving(service.Case):
+    """A scene with two animations."""
+
+    SCENE = "moving.gltf", service.moving_gltf()
+
+    def few(self):
+        """A page whose full pictures have few samples."""
+        page = self.live()
+        page.get_by_text("Render", exact=True).click()
+        page.get_by_test_id("target-spp").fill("3")
+        page.get_by_test_id("target-spp").press("Enter")
+        self.wait_for(page, "raystream.spp === 3 && raystream.last")
+        return page
+
+    def test_it_plays_by_the_clock_pauses_and_scrubs(self):
+        page = self.few()
+        page.get_by_test_id("time-bar").wait_for()
+        rest = self.pixels(page)
+        page.get_by_test_id("play").click()
+        self.wait_for(page, "raystream.playing && raystream.seconds > 0.2 && raystream.moving")
+        # Twenty looks at the clock and at the time that is shown: as much has passed of both.
+        passed = page.evaluate("""async () => {
+            const looks = [];
+            for (let i = 0; i < 20; i++) {
+                looks.push([performance.now() / 1000, window.raystream.seconds, window.raystream.frames]);
+                await new Promise((resolve) => setTimeout(resolve, 40));
+            }
+            return looks;
+        }""")
+        clock = [after[0] - before[0] for before, after in zip(passed, passed[1:])]
+        shown = [(after[1] - before[1]) % 1 for before, after in zip(passed, passed[1:])]
+        self.assertAlmostEqual(sum(shown), sum(clock), delta=0.15)
+        self.assertGreater(passed[-1][2] - passed[0][2], 4, "frames of the motion are shown")
+        page.get_by_test_id("play").click()
+        self.wait_for(page, "!raystream.playing && !raystream.moving && raystream.last")
+        paused = page.evaluate("raystream.seconds")
+        page.wait_for_timeout(300)
+        self.assertEqual(page.evaluate("raystream.seconds"), paused)
+        self.assertNotEqual(self.pixels(page), rest)
+        # The other animation, at a time of the slider.
+        page.get_by_test_id("animation").select_option("up")
+        generation = page.evaluate("raystream.gen")
+        page.get_by_test_id("time").fill("1.5")
+        self.assertEqual(page.get_by_test_id("time-value").inner_text(), "1.50 s")
+        self.wait_for(page, f"raystream.gen > {generation} && raystream.seconds === 1.5 && raystream.last")
+        with page.expect_download() as picture:
+            page.get_by_test_id("save-png").click()
+        with page.expect_download() as saved:
+            page.get_by_test_id("save-spec").click()
+        spec = json.loads(saved.value.path().read_text())
+        self.assertEqual((spec["time"], spec["animation"]), (1.5, "up"))
+        again = self.service.render(spec)
+        self.assertEqual(self.colours(page, again), self.colours(page, picture.value.path().read_bytes()))
+
+    def test_the_space_bar_plays_and_the_time_stays_after_a_restart(self):
+        page = self.few()
+        page.get_by_test_id("time").fill("0.25")
+        page.get_by_test_id("picture").focus()
+        page.keyboard.press(" ")
+        self.wait_for(page, "raystream.playing && raystream.seconds > 0.3")
+        page.keyboard.press(" ")
+        self.wait_for(page, "!raystream.playing && raystream.last")
+        seconds, before = page.evaluate("raystream.seconds"), self.pixels(page)
+        self.service.kill()
+        page.locator('[data-testid="connection"][data-state="retry"]').wait_for()
+        self.service.start()
+        page.locator('[data-testid="connection"][data-state="open"]').wait_for()
+        frames = page.evaluate("raystream.frames")
+        self.wait_for(page, f"raystream.frames > {frames} && raystream.last")
+        self.assertEqual(page.evaluate("raystream.seconds"), seconds)
+        self.assertEqual(self.pixels(page), before)
+
+
 class Nothing(service.Case):
     def test_what_is_refused_is_told_and_not_asked_for_again(self):
         page = self.live()

@@ -14,6 +14,7 @@
 //! in a fixed order and without fused operations; everything else is scalar. Each row of a result is computed by one
 //! thread from inputs that do not change.
 
+mod a_trous;
 mod inputs;
 mod planes;
 mod regression;
@@ -23,6 +24,7 @@ mod tests;
 
 use super::Image;
 use crate::lanes::SimdLevel;
+pub use a_trous::{FILTER_REACH, GuideSums, GuidedPicture, Viewpoint};
 pub use inputs::NoisyPicture;
 
 /// The version of denoised pictures. A change of the denoiser that changes a byte raises it.

@@ -265,6 +265,7 @@ impl Encode for Scene {
             options: _,
             warnings: _,
             is_animated: _,
+            animations: _,
             stroke_width: _,
             variants: _,
             files: _,

@@ -4,8 +4,9 @@ use super::FlatError;
 use super::arrays::{Reader, Writer};
 use crate::geom::Placement;
 use crate::scene::{
-    Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance, Light, Material,
-    Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh, Wrap,
+    AnimationSpan, Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance,
+    Light, Material, Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh,
+    Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
@@ -34,6 +35,7 @@ struct Small {
     options: BTreeMap<String, String>,
     warnings: Vec<String>,
     is_animated: bool,
+    animations: Vec<AnimationSpan>,
     stroke_width: Option<f32>,
     variants: Vec<String>,
     files: Vec<PathBuf>,
@@ -82,6 +84,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         options,
         warnings,
         is_animated,
+        animations,
         stroke_width,
         variants,
         files,
@@ -124,6 +127,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
         options: options.clone(),
         warnings: warnings.clone(),
         is_animated: *is_animated,
+        animations: animations.clone(),
         stroke_width: *stroke_width,
         variants: variants.clone(),
         files: files.clone(),
@@ -209,6 +213,7 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
         options: small.options,
         warnings: small.warnings,
         is_animated: small.is_animated,
+        animations: small.animations,
         stroke_width: small.stroke_width,
         variants: small.variants,
         files: small.files,

@@ -4,10 +4,10 @@ use super::{FlatError, VERSION, read, triangles, write};
 use crate::lanes::Lanes;
 use crate::memory::MemoryBudget;
 use crate::scene::{
-    AnimatedNode, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment, EnvironmentMap,
-    Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object, Points, Principled,
-    Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef, Track, TriangleMesh,
-    Wrap,
+    AnimatedNode, AnimationSpan, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment,
+    EnvironmentMap, Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object,
+    Points, Principled, Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef,
+    Track, TriangleMesh, Wrap,
 };
 use glam::{DQuat, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;
@@ -66,6 +66,7 @@ fn scene() -> Scene {
     scene.options = [("path.depth".to_owned(), "3".to_owned())].into();
     scene.warnings = vec!["A sentence.".into()];
     scene.is_animated = true;
+    scene.animations = vec![AnimationSpan::new("walk", 0.25, 1.5)];
     scene.stroke_width = Some(0.25);
     scene.variants = vec!["red".into()];
     scene.files = vec![PathBuf::from("wood.png")];

@@ -112,6 +112,7 @@ impl Scene {
             options: _,
             warnings: _,
             is_animated: _,
+            animations: _,
             stroke_width: _,
             variants: _,
             files: _,

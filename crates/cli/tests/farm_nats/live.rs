@@ -4,6 +4,7 @@ use crate::secured::Farm;
 use crate::service::Service;
 use crate::viewer::{Frame, Viewer};
 use crate::{Nats, Worker, coordinator, folder, shipped};
+use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
 
@@ -104,12 +105,12 @@ fn workers_render_tiles_with_keys_and_beside_units() {
     let service = farm.coordinator(data.path());
     let workers = ["worker-1", "worker-2"].map(|name| farm.worker(name));
     let scene = service.upload_file(&shipped("cornell.json"));
-    let id = service.submit(&scene, &serde_json::json!({ "size": "64x48", "spp": 256, "seed": 3 }));
+    let id = service.submit(&scene, &json!({ "size": "64x48", "spp": 256, "seed": 3 }));
     let mut viewer = Viewer::open(&service, Some(&scene), SIZE);
     let done = || service.job(&id)["units_done"].as_u64().expect("a number");
     viewer.until(0.1, "tiles beside units", |viewer, _| both(viewer, &workers) && done() > 3);
     // An edit reaches the workers: they show what one process shows.
-    let edit = serde_json::json!({ "base_colour": [0.1, 0.2, 0.9] });
+    let edit = json!({ "base_colour": [0.1, 0.2, 0.9] });
     viewer.edit(0, &edit);
     let frame = viewer.until(0.1, "a frame in full size", |_, frame| full(frame) && frame.is_shared());
     let other = {
@@ -151,4 +152,36 @@ fn workers_render_tiles_of_a_scene_that_was_never_uploaded() {
         frame.pixels()
     };
     assert!(frame.pixels() == alone, "other pixels");
+}
+
+#[test]
+fn workers_render_tiles_of_a_scene_at_its_time() {
+    let (nats, data, own) = (Nats::start(), folder(), folder());
+    let scene = own.path().join("fall.gltf");
+    // Where the viewer looks.
+    let mut falling: Value = serde_json::from_str(&crate::specs::falling_triangle()).expect("JSON");
+    falling["nodes"][1] =
+        json!({ "children": [0], "scale": [150, 150, 150], "translation": [278, 273, 280] });
+    falling["scenes"] = json!([{ "nodes": [1] }]);
+    std::fs::write(&scene, falling.to_string()).expect("written");
+    let service = view(&scene, data.path(), &["--nats", &nats.url(), "--lease", "1"]);
+    let workers = Worker::some(&nats.url(), 2);
+    let mut viewer = Viewer::open(&service, None, SIZE);
+    let mut alone = {
+        let data = folder();
+        let service = view(&scene, data.path(), &[]);
+        (Viewer::open(&service, None, SIZE), service, data)
+    };
+    let mut seen = Vec::new();
+    for seconds in [0.25, 0.75, 0.25] {
+        viewer.show_time(seconds);
+        let frame = viewer.until(0.3, "a frame of all", |viewer, frame| {
+            full(frame) && frame.is_shared() && both(viewer, &workers)
+        });
+        alone.0.show_time(seconds);
+        let own = alone.0.until(0.3, "a frame in full size", |_, frame| full(frame)).pixels();
+        assert!(frame.pixels() == own, "other pixels at {seconds} s");
+        seen.push(own);
+    }
+    assert!(seen[0] != seen[1] && seen[0] == seen[2], "the triangle falls");
 }

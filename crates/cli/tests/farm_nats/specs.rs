@@ -82,7 +82,7 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
 }
 
 /// A triangle that falls for a second.
-fn falling_triangle() -> String {
+pub fn falling_triangle() -> String {
     let arrays = [
         Array::floats("VEC3", &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0]),
         Array::floats("SCALAR", &[0.0, 1.0]),

@@ -93,6 +93,11 @@ impl Viewer {
         self.change(json!({ "type": "material", "material": material, "edit": edit }));
     }
 
+    /// Shows the scene at a time in seconds.
+    pub fn show_time(&mut self, seconds: f64) {
+        self.change(json!({ "type": "time", "seconds": seconds }));
+    }
+
     /// The kind and the content of the next message.
     fn receive(&mut self) -> (u8, Vec<u8>) {
         let mut read = |count: usize| {

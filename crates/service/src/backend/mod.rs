@@ -23,8 +23,8 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::{MemoryBudget, OutOfMemory};
 use raystream::picture::{
-    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, afford, scene_file, shaders,
-    with_causes,
+    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, TimedScene, afford,
+    scene_file, shaders, with_causes,
 };
 use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};
@@ -201,9 +201,10 @@ impl RenderBackend {
         let rendering = checked.rendering(kept.prepared.clone())?.with_policy(self.units.policy);
         let rendering = rendering.with_threads(self.service().host_threads());
         let options = checked.spec().loading.options(&self.memory).with_root(folder);
-        let moving = || Moving::new(options, self.memory);
-        let rendering = rendering.with_moving(moving);
-        Ok(OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone(), kept))
+        let timed = TimedScene::new(&rendering, options.clone(), self.memory);
+        let rendering = rendering.with_moving(|| Moving::new(options, self.memory));
+        let job = OpenJob::new(rendering, Arc::clone(self.service()), self.viewer.clone(), kept);
+        Ok(job.with_times(timed))
     }
 
     /// Reads a scene in a part of the memory, beside others; one that needs more, in all that a scene may take, with

@@ -6,7 +6,7 @@ use crate::contract::hex;
 use raystream::engine::PreparedScene;
 use raystream::film::tev::Tev;
 use raystream::film::{Picture, write_picture};
-use raystream::picture::{FrameSum, Rendering, Watch, with_causes};
+use raystream::picture::{FrameSum, Rendering, TimedScene, Watch, with_causes};
 use raystream::render::{Pass, Patch};
 use raystream::schedule::Service;
 use sha2::{Digest, Sha256};
@@ -22,6 +22,8 @@ pub struct OpenJob {
     rendering: Rendering,
     service: Arc<Service>,
     viewer: Option<Arc<Tev>>,
+    /// The way to its scene at other times.
+    timed: Option<TimedScene>,
     /// Keeps the scene's share of the memory.
     _scene: Arc<KeptScene>,
     /// Hashes of what its frames are functions of, as far as they have been asked for.
@@ -43,7 +45,12 @@ impl OpenJob {
         viewer: Option<Arc<Tev>>,
         scene: Arc<KeptScene>,
     ) -> Self {
-        Self { rendering, service, viewer, _scene: scene, identities: Arc::default() }
+        Self { rendering, service, viewer, timed: None, _scene: scene, identities: Arc::default() }
+    }
+
+    /// The same with the way to its scene at other times, if it has animations.
+    pub(super) fn with_times(self, timed: Option<TimedScene>) -> Self {
+        Self { timed, ..self }
     }
 
     /// True if there is no other clone of it.
@@ -54,6 +61,11 @@ impl OpenJob {
     /// Its scene.
     pub fn prepared(&self) -> &PreparedScene {
         self.rendering.prepared()
+    }
+
+    /// A way to its scene at other times, if it has animations. What it keeps ends with it.
+    pub fn timed(&self) -> Option<TimedScene> {
+        self.timed.as_ref().map(TimedScene::fresh)
     }
 
     /// Its pictures.

@@ -215,6 +215,7 @@ fn tile_ask(rows: u32) -> TileAsk {
         spec: Box::new(spec),
         shaders: [("wall.wgsl".to_owned(), "fn pattern".to_owned())].into(),
         rows: 0..rows,
+        is_denoised: true,
         is_metered: true,
         budget_ms: 80,
     }

@@ -37,6 +37,8 @@ pub struct TileAsk {
     pub shaders: ShaderTexts,
     /// The rows of the tile. The first one is a multiple of [`crate::live::STRIP_ROWS`].
     pub rows: Range<u32>,
+    /// True if noise is removed from the tile.
+    pub is_denoised: bool,
     /// True if [`Tile::light`] is wanted.
     pub is_metered: bool,
     /// Milliseconds after which the tile comes too late.

@@ -1,8 +1,9 @@
 //! The spec of a live view: what it shows, as the picture that `raystream render` makes of the same text.
 
 use crate::contract::{Pose, ShaderTexts};
+use raystream::engine::PreparedScene;
 use raystream::film::Look;
-use raystream::picture::{Frames, MaterialChange, RenderSpec, ShaderSurface};
+use raystream::picture::{Frames, MaterialChange, RenderSpec, ShaderSurface, TimedScene, with_causes};
 use raystream::program::PatternShader;
 use raystream::render::Settings;
 use raystream::scene::{Camera, MaterialEdit, ProceduralSurface, Scene};
@@ -47,6 +48,8 @@ impl LiveSpec {
         plain.optics.focus_distance = spec.optics.focus_distance;
         plain.look = spec.look.clone();
         plain.material.clone_from(&spec.material);
+        plain.loading.time = spec.loading.time;
+        plain.loading.animation.clone_from(&spec.loading.animation);
         let mut own = Self { spec: plain, ..Self::default() };
         for ShaderSurface { material, file, .. } in &spec.surface {
             let found = file.to_str().and_then(|file| texts.get_key_value(file));
@@ -74,6 +77,8 @@ impl LiveSpec {
         (tile.look.view, tile.look.exposure) = (look.view(), look.exposure());
         tile.material.clone_from(&self.spec.material);
         tile.surface.clone_from(&self.spec.surface);
+        tile.loading.time = self.spec.loading.time;
+        tile.loading.animation.clone_from(&self.spec.loading.animation);
         tile
     }
 
@@ -90,6 +95,44 @@ impl LiveSpec {
     /// The texts of the spec's shaders.
     pub fn texts(&self) -> &ShaderTexts {
         &self.texts
+    }
+
+    /// True if the scene is shown at the same time.
+    pub fn has_same_time(&self, other: &Self) -> bool {
+        let (own, other) = (&self.spec.loading, &other.spec.loading);
+        (own.time, &own.animation) == (other.time, &other.animation)
+    }
+
+    /// The same spec with a time in seconds, and the animation that it is of. Without a time the scene is at rest.
+    ///
+    /// # Errors
+    /// If the time is not finite.
+    pub fn timed(&self, seconds: Option<f64>, animation: Option<String>) -> Result<Self, String> {
+        let mut timed = self.clone();
+        match seconds {
+            None => timed.spec.loading.time = None,
+            Some(seconds) => {
+                let text = seconds.to_string().into();
+                timed.spec.set("time", &text).map_err(|error| error.to_string())?;
+            }
+        }
+        timed.spec.loading.animation = animation.filter(|_| seconds.is_some());
+        Ok(timed)
+    }
+
+    /// A prepared scene at the spec's time, without changes of its materials. One without animations is the same at all
+    /// times.
+    ///
+    /// # Errors
+    /// If the scene has no such animation, or cannot be read.
+    pub fn moved(&self, rest: &PreparedScene, timed: Option<&TimedScene>) -> Result<PreparedScene, String> {
+        let loading = &self.spec.loading;
+        match (timed, loading.time) {
+            (Some(timed), Some(seconds)) => {
+                timed.at(seconds, loading.animation.as_deref()).map_err(|error| with_causes(&error))
+            }
+            _ => Ok(rest.clone()),
+        }
     }
 
     /// True if the scene's materials are changed in the same way.
@@ -154,7 +197,16 @@ impl LiveSpec {
         Ok(())
     }
 
-    /// A scene with the changes of its materials.
+    /// A prepared scene with the changes of its materials.
+    ///
+    /// # Errors
+    /// If a material does not exist, or cannot be changed so.
+    pub fn edit(&self, prepared: &PreparedScene) -> Result<PreparedScene, String> {
+        let scene = self.scene(&prepared.scene)?;
+        prepared.with_scene(scene).map_err(|error| error.to_string())
+    }
+
+    /// A scene with the changes of its materials, whose surfaces are told the spec's time.
     ///
     /// # Errors
     /// If a material does not exist, or cannot be changed so.
@@ -168,6 +220,7 @@ impl LiveSpec {
             let surface = surface.expect("a live spec has the shaders that it names");
             changed.replace_surface(material, surface.clone()).map_err(|error| error.to_string())?;
         }
+        changed.moment.seconds = self.spec.loading.time.unwrap_or(0.0) as f32;
         Ok(changed)
     }
 
@@ -248,7 +301,7 @@ mod tests {
         let text = serde_json::to_string(&tile).expect("JSON");
         let received: RenderSpec = serde_json::from_str(&text).expect("a spec");
         let worker = LiveSpec::of_tile(&received, live.texts(), &LiveSpec::default()).expect("the view's");
-        assert!(worker.has_same_materials(&live));
+        assert!(worker.has_same_materials(&live) && worker.has_same_time(&live));
         assert_eq!(worker.camera(&scene()), live.camera(&scene()));
         assert_eq!(worker.spec.settings().with_early_end(false), settings.with_max_bounces(8));
         for (key, value) in [

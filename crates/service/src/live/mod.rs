@@ -36,6 +36,8 @@ mod tile;
 mod tile_dispatch;
 #[cfg(test)]
 mod tile_dispatch_tests;
+#[cfg(test)]
+mod time_tests;
 mod view;
 
 pub use message::{Frame, FrameFlags, HEADER_BYTES, MAGIC};

@@ -19,7 +19,7 @@ use super::outbox::Outbox;
 use super::pick::pick;
 use super::shared_frame::SharedFrame;
 use super::statistics::{FrameRate, rays_per_second};
-use super::tile::{path_tracer, rows_of};
+use super::tile::{moving_layers, path_tracer, rows_of, wider};
 use super::tile_dispatch::TileDispatch;
 use super::{FrameFlags, RaysPerSecond, Reply, Request, Resolution, State, Statistics, Timeline, ViewScene};
 use crate::contract::Pose;
@@ -79,7 +79,11 @@ struct Work {
 #[derive(Debug)]
 pub(super) struct Renderer {
     view_scene: ViewScene,
-    /// The scene with edits.
+    /// The scene at the time that was rendered last, without edits.
+    moved: PreparedScene,
+    /// The spec with that time.
+    moved_spec: LiveSpec,
+    /// The same scene with edits.
     prepared: PreparedScene,
     wanted: Wanted,
     generation: u32,
@@ -93,6 +97,8 @@ pub(super) struct Renderer {
     work: Option<Work>,
     /// When a job's end was told whose result has not been taken.
     told_end: Option<Instant>,
+    /// True if noise is removed from moving frames.
+    is_denoised: bool,
     rate: FrameRate,
     reported: Instant,
     tile_dispatch: Option<TileDispatch>,
@@ -106,6 +112,8 @@ impl Renderer {
         let (spec, camera) = LiveSpec::new(view_scene.spec.clone(), &view_scene.prepared.scene);
         let now = Instant::now();
         Self {
+            moved: PreparedScene::clone(&view_scene.prepared),
+            moved_spec: spec.clone(),
             prepared: PreparedScene::clone(&view_scene.prepared),
             wanted: Wanted { spec, camera, policy: None, unit: None },
             generation: 0,
@@ -116,6 +124,7 @@ impl Renderer {
             resolution: Resolution::default(),
             work: None,
             told_end: None,
+            is_denoised: true,
             rate: FrameRate::default(),
             reported: now,
             tile_dispatch: view_scene
@@ -186,6 +195,8 @@ impl Renderer {
             pose: Pose::from(&self.wanted.camera),
             least: bounds.min.to_array(),
             greatest: bounds.max.to_array(),
+            animations: self.view_scene.animations().to_vec(),
+            reads_time: scene.reads_moment(),
             triangles: scene.mesh.triangles.len(),
             materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
             views: View::ALL.iter().map(|view| view.name()).collect(),
@@ -237,8 +248,15 @@ impl Renderer {
                 let named = self.material(material);
                 let spec = named.and_then(|named| self.wanted.spec.shaded(&named, source.as_deref()));
                 let attached = spec.and_then(|spec| self.edit(spec, generation));
-                self.outbox.put(Reply::Shader { material, error: attached.err() });
+                let reads_time = self.prepared.scene.reads_moment();
+                self.outbox.put(Reply::Shader { material, error: attached.err(), reads_time });
             }
+            Request::Time { generation, seconds, animation } => {
+                self.check_time(seconds.is_some(), animation.as_deref())?;
+                self.wanted.spec = self.wanted.spec.timed(seconds, animation)?;
+                self.change(generation);
+            }
+            Request::Denoise { moving } => self.is_denoised = moving,
             Request::Pick { id, x, y } => self.pick(id, [x, y]),
             Request::Save { format } => self.encoder.save(format),
             Request::Spec => {
@@ -285,6 +303,21 @@ impl Renderer {
         materials.get(index as usize).map(|material| material.name.clone()).ok_or_else(missing)
     }
 
+    /// Refuses a time of a scene that looks the same at all times, and an animation that there is not.
+    fn check_time(&self, is_some: bool, animation: Option<&str>) -> Result<(), String> {
+        let timed = self.view_scene.timed.as_ref();
+        match (timed, animation) {
+            (Some(timed), Some(name)) => timed.check(name).map_err(|error| error.to_string()),
+            (None, Some(name)) => Err(format!("the scene has no animation {name:?}; it has no animations")),
+            (None, None) if is_some && !self.prepared.scene.reads_moment() => {
+                Err("the scene has no animation and no \
+                shader that reads the time, so it looks the same at any time"
+                    .into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Shows the spec's camera and size.
     fn see(&mut self, spec: LiveSpec, generation: u32) -> Result<(), String> {
         self.wanted.camera = spec.camera(self.own_scene())?;
@@ -295,10 +328,22 @@ impl Renderer {
 
     /// Shows the spec's materials.
     fn edit(&mut self, spec: LiveSpec, generation: u32) -> Result<(), String> {
-        let scene = spec.scene(self.own_scene())?;
-        self.prepared = self.view_scene.prepared.with_scene(scene).map_err(|error| error.to_string())?;
+        self.prepared = spec.edit(&self.moved)?;
         self.wanted.spec = spec;
         self.change(generation);
+        Ok(())
+    }
+
+    /// Moves the scene to the time that is wanted, if it is at another one.
+    fn move_scene(&mut self) -> Result<(), String> {
+        let spec = &self.wanted.spec;
+        if self.moved_spec.has_same_time(spec) {
+            return Ok(());
+        }
+        let view_scene = &self.view_scene;
+        let moved = spec.moved(&view_scene.prepared, view_scene.timed.as_ref())?;
+        self.prepared = spec.edit(&moved)?;
+        (self.moved, self.moved_spec) = (moved, spec.clone());
         Ok(())
     }
 
@@ -325,6 +370,10 @@ impl Renderer {
         if !is_new {
             self.resolution = self.resolution.rested();
         }
+        if let Err(reason) = self.move_scene() {
+            return self.fail(reason);
+        }
+        // The resolution follows from what depends on the number of pixels.
         let began = Instant::now();
         let shared = if is_new { self.share(began) } else { None };
         match self.frame(is_new, shared.as_ref()) {
@@ -363,12 +412,14 @@ impl Renderer {
         } else {
             (self.settings().with_early_end(true), PassOptions::default().with_pass_time(PASS_TIME))
         };
-        let mut path = path_tracer(&self.prepared, &self.wanted.camera, settings)?;
+        let layers = match self.layer() {
+            Some(layer) => layer.clone(),
+            None => moving_layers(is_moving && self.is_denoised),
+        };
+        let height = settings.height;
+        let path = path_tracer(&self.prepared, &self.wanted.camera, settings, &layers)?;
         if let Some(shared) = shared {
-            return rows_of(path, shared.split().own.clone());
-        }
-        if let Some(layer) = self.layer() {
-            path = path.with_aovs(layer).map_err(|error| error.to_string())?;
+            return rows_of(path, wider(&shared.split().own, height, self.is_denoised));
         }
         Ok(Progressive::new(path, options))
     }
@@ -421,7 +472,13 @@ impl Renderer {
         let now = Instant::now();
         let Work { frame, is_moving, generation, since, began, .. } = work;
         let (is_moving, is_complete) = (*is_moving, frame.is_complete());
-        let mut picture = frame.develop();
+        let rendered = frame.integrator().frame();
+        let mut picture = if *rendered.aovs() == AovSet::guides() {
+            let threads = self.view_scene.service.host_threads();
+            Picture::new(rendered.develop_filtered(&frame.picture(), threads))
+        } else {
+            frame.develop()
+        };
         let spp = frame.picture().mean_samples();
         self.describe(&mut picture, spp);
         if let Some(viewer) = self.view_scene.viewer.as_ref().filter(|_| !is_moving) {
@@ -508,7 +565,8 @@ impl Renderer {
             ("seed", settings.seed.to_string()),
             ("view", self.wanted.spec.spec().look.view.name().to_owned()),
         ];
-        picture.metadata.extend(facts.map(|(name, text)| (name.to_owned(), text)));
+        let time = self.wanted.spec.spec().loading.time.map(|seconds| ("time", seconds.to_string()));
+        picture.metadata.extend(facts.into_iter().chain(time).map(|(name, text)| (name.to_owned(), text)));
     }
 
     /// The picture cannot be rendered. The view waits for the next change.

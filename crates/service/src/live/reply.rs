@@ -3,6 +3,7 @@
 use super::{Picked, Statistics, Timeline};
 use crate::contract::{Pose, ShaderTexts};
 use raystream::picture::RenderSpec;
+use raystream::scene::AnimationSpan;
 use serde::Serialize;
 
 /// A message to the client.
@@ -20,6 +21,10 @@ pub enum Reply {
         least: [f32; 3],
         /// Greatest corner of the scene's bounding box.
         greatest: [f32; 3],
+        /// The animations that can be played.
+        animations: Vec<AnimationSpan>,
+        /// True if a surface asks for the time, so that there is something to play even without an animation.
+        reads_time: bool,
         /// Number of triangles.
         triangles: usize,
         /// Names of the materials.
@@ -54,6 +59,8 @@ pub enum Reply {
         material: u32,
         /// Why not, with file, line and column.
         error: Option<String>,
+        /// True if a surface asks for the time now.
+        reads_time: bool,
     },
     /// The picture that the view shows when it rests, as data: `raystream render --options` makes the same one.
     Spec {

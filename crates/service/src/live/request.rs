@@ -76,6 +76,21 @@ pub enum Request {
         /// The shader's text; `None` gives the material the surface that it has without a shader.
         source: Option<String>,
     },
+    /// Shows the scene at a time.
+    Time {
+        /// See [`Request`].
+        generation: u32,
+        /// Seconds; `None` is the scene at rest.
+        seconds: Option<f64>,
+        /// Name of the animation; `None` is the file's first one.
+        #[serde(default)]
+        animation: Option<String>,
+    },
+    /// Says whether noise is removed from frames while the camera or the scene moves. At first it is.
+    Denoise {
+        /// True if it is.
+        moving: bool,
+    },
     /// Asks what is seen at a pixel of the full picture.
     Pick {
         /// Comes back with the answer.
@@ -127,6 +142,16 @@ mod tests {
             read(r#"{"type":"save","format":"exr"}"#).ok(),
             Some(Request::Save { format: PictureFile::Exr })
         );
+        let time = Request::Time { generation: 4, seconds: Some(0.5), animation: None };
+        assert_eq!(read(r#"{"type":"time","generation":4,"seconds":0.5}"#).ok(), Some(time));
+        let denoise = Request::Denoise { moving: false };
+        assert_eq!(read(r#"{"type":"denoise","moving":false}"#).ok(), Some(denoise));
+        for bad in [
+            r#"{"type":"time","generation":1,"seconds":NaN}"#,
+            r#"{"type":"time","generation":1,"seconds":1e999}"#,
+        ] {
+            assert!(read(bad).is_err(), "{bad}");
+        }
         for bad in ["", "{}", r#"{"type":"camera"}"#, r#"{"type":"ack","sequence":-1}"#, r#"{"type":"x"}"#] {
             assert!(read(bad).is_err(), "{bad}");
         }

@@ -90,6 +90,11 @@ impl SharedFrame {
         self.own.is_some() && self.filling.is_none()
     }
 
+    /// True if its own rows are under way.
+    pub fn waits_for_own(&self) -> bool {
+        self.own.is_none()
+    }
+
     /// Takes what a job of this process has rendered: its own rows, or coarse ones. Returns the number of own rows.
     pub fn take(&mut self, image: Image) -> Option<u32> {
         let Some(rows) = self.filling.take() else {

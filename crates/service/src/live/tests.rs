@@ -39,8 +39,8 @@ pub(super) fn view_scene(spp: u32) -> ViewScene {
 }
 
 /// A view, and what it says.
-struct Client {
-    view: LiveView,
+pub(super) struct Client {
+    pub view: LiveView,
     woken: Receiver<()>,
     replies: Vec<Reply>,
 }
@@ -50,7 +50,7 @@ impl Client {
         Self::of(view_scene(spp))
     }
 
-    fn of(view_scene: ViewScene) -> Self {
+    pub fn of(view_scene: ViewScene) -> Self {
         let (wake, woken) = channel();
         let view = LiveView::new(view_scene, move || {
             wake.send(()).ok();
@@ -60,7 +60,7 @@ impl Client {
     }
 
     /// The first that `take` finds.
-    fn wait<T>(&mut self, what: &str, mut take: impl FnMut(&mut Self) -> Option<T>) -> T {
+    pub fn wait<T>(&mut self, what: &str, mut take: impl FnMut(&mut Self) -> Option<T>) -> T {
         let began = Instant::now();
         loop {
             self.replies.extend(std::iter::from_fn(|| self.view.take_reply()));
@@ -72,13 +72,13 @@ impl Client {
         }
     }
 
-    fn frame(&mut self, what: &str, is_it: impl Fn(&Frame) -> bool) -> Frame {
+    pub fn frame(&mut self, what: &str, is_it: impl Fn(&Frame) -> bool) -> Frame {
         self.wait(what, |client| client.view.take_frame().filter(&is_it))
     }
 
     /// A moving frame of this generation, or of a later one: one that is not taken at once is replaced by the full
     /// picture, and the camera has to move again.
-    fn moving(&mut self, generation: u32) -> Frame {
+    pub fn moving(&mut self, generation: u32) -> Frame {
         for generation in generation..generation + 20 {
             let frame = self.frame("a frame of a pose", |frame| frame.generation == generation);
             if frame.flags.moving {
@@ -89,11 +89,11 @@ impl Client {
         panic!("the first frame of a pose is a small one")
     }
 
-    fn last(&mut self, generation: u32) -> Frame {
+    pub fn last(&mut self, generation: u32) -> Frame {
         self.frame("the last frame", |frame| frame.generation == generation && frame.flags.last)
     }
 
-    fn reply<T>(&mut self, what: &str, read: impl Fn(&Reply) -> Option<T>) -> T {
+    pub fn reply<T>(&mut self, what: &str, read: impl Fn(&Reply) -> Option<T>) -> T {
         self.wait(what, |client| {
             let found = client.replies.iter().find_map(&read);
             client.replies.clear();
@@ -101,7 +101,7 @@ impl Client {
         })
     }
 
-    fn look_from(&self, generation: u32, eye: Vec3) {
+    pub fn look_from(&self, generation: u32, eye: Vec3) {
         let pose = Pose { eye, target: Vec3::ZERO, up: Vec3::Y, fov: Some(40.0), lens: None };
         self.view.ask(Request::Camera { generation, pose });
     }

@@ -5,8 +5,11 @@ use super::live_spec::LiveSpec;
 use super::strips;
 use crate::contract::{Tile, TileAsk};
 use raystream::engine::PreparedScene;
-use raystream::film::{Image, Light, Look, Region, View};
-use raystream::render::{Integrator, Part, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings};
+use raystream::film::{FILTER_REACH, Image, Light, Look, Region, View};
+use raystream::picture::TimedScene;
+use raystream::render::{
+    AovSet, Integrator, Part, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings,
+};
 use raystream::scene::Camera;
 use raystream::schedule::{JobOptions, Priority, Service};
 use std::ops::Range;
@@ -19,14 +22,18 @@ const LOOK: Duration = Duration::from_millis(5);
 /// A scene, as a worker renders tiles of it.
 pub struct TileScene {
     prepared: PreparedScene,
+    /// The way to the scene at other times, if it has animations.
+    timed: Option<TimedScene>,
     service: Arc<Service>,
     /// What was wanted last.
     ready: Mutex<Ready>,
 }
 
-/// The scene with edits, and its frames of one size. A tile's film takes the memory of the one before it.
+/// The scene at a time, with edits, and its frames of one size. A tile's film takes the memory of the one before it.
 struct Ready {
     spec: LiveSpec,
+    /// Without edits.
+    moved: PreparedScene,
     prepared: PreparedScene,
     path: Option<PathTracer>,
 }
@@ -44,20 +51,42 @@ fn part(settings: &Settings, rows: Range<u32>) -> Part {
     Part { region, samples: 0..spp }
 }
 
+/// Rows that are rendered for these rows of a picture: more of them if noise is removed from them.
+pub(super) fn wider(rows: &Range<u32>, height: u32, is_denoised: bool) -> Range<u32> {
+    let reach = if is_denoised { FILTER_REACH } else { 0 };
+    rows.start.saturating_sub(reach)..(rows.end + reach).min(height)
+}
+
+/// Some rows of a picture whose own first row is `first`.
+pub(super) fn cropped(image: Image, first: u32, rows: &Range<u32>) -> Image {
+    let region = Region { x: 0, y: rows.start - first, width: image.width, height: rows.len() as u32 };
+    image.cropped(region)
+}
+
 /// A frame of these rows of a picture, from its first sample, without any job.
 pub(super) fn rows_of(path: PathTracer, rows: Range<u32>) -> Result<Progressive<PathTracer>, String> {
     let part = path.with_part(part(path.frame().settings(), rows)).map_err(|error| error.to_string())?;
     Ok(Progressive::new(part, PassOptions::default()))
 }
 
-/// A path tracer of moving frames.
+/// A path tracer of frames with layers.
 pub(super) fn path_tracer(
     prepared: &PreparedScene,
     camera: &Camera,
     settings: Settings,
+    layers: &AovSet,
 ) -> Result<PathTracer, String> {
     let path = PathTracer::new(prepared.lit(), camera, settings, Some(ROULETTE_BOUNCES));
-    path.map_err(|error| error.to_string())
+    let path = path.map_err(|error| error.to_string())?;
+    if layers.is_empty() {
+        return Ok(path);
+    }
+    path.with_aovs(layers).map_err(|error| error.to_string())
+}
+
+/// The layers of moving frames, from which noise is removed or not.
+pub(super) fn moving_layers(is_denoised: bool) -> AovSet {
+    if is_denoised { AovSet::guides() } else { AovSet::default() }
 }
 
 /// Rows of a moving frame as a JPEG with restart markers.
@@ -72,27 +101,39 @@ impl TileScene {
     pub fn new(prepared: &PreparedScene, service: &Arc<Service>) -> Self {
         // The first tile has no time to make it.
         table(View::default());
-        let ready = Ready { spec: LiveSpec::default(), prepared: prepared.clone(), path: None };
-        Self { prepared: prepared.clone(), service: Arc::clone(service), ready: Mutex::new(ready) }
+        let (spec, moved) = (LiveSpec::default(), prepared.clone());
+        let ready = Ready { spec, moved, prepared: prepared.clone(), path: None };
+        let (prepared, service) = (prepared.clone(), Arc::clone(service));
+        Self { prepared, timed: None, service, ready: Mutex::new(ready) }
     }
 
-    /// The scene with the spec's materials, and the rows of a frame that are asked for, with a film of their own.
+    /// The same, at any time of its animations.
+    pub fn with_times(self, timed: Option<TimedScene>) -> Self {
+        Self { timed, ..self }
+    }
+
+    /// The scene at the spec's time with its materials, and the rows of a frame that are asked for, with a film of their own.
     fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
         let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
         let spec = LiveSpec::of_tile(&ask.spec, &ask.shaders, &ready.spec)?;
         let camera = spec.camera(&self.prepared.scene)?;
         let settings = spec.spec().settings();
-        if !ready.spec.has_same_materials(&spec) {
-            let scene = spec.scene(&self.prepared.scene)?;
-            let prepared = self.prepared.with_scene(scene).map_err(|error| error.to_string())?;
-            *ready = Ready { spec, prepared, path: None };
+        let is_moved = !ready.spec.has_same_time(&spec);
+        if is_moved || !ready.spec.has_same_materials(&spec) {
+            let moved = || spec.moved(&self.prepared, self.timed.as_ref());
+            let moved = if is_moved { moved()? } else { ready.moved.clone() };
+            let prepared = spec.edit(&moved)?;
+            *ready = Ready { spec, moved, prepared, path: None };
         }
-        let is_right = |path: &PathTracer| *path.frame().settings() == settings;
+        let layers = moving_layers(ask.is_denoised);
+        let is_right =
+            |path: &PathTracer| *path.frame().settings() == settings && *path.frame().aovs() == layers;
         let path = match ready.path.take().filter(is_right) {
             Some(path) => path,
-            None => path_tracer(&ready.prepared, &camera, settings)?,
+            None => path_tracer(&ready.prepared, &camera, settings, &layers)?,
         };
-        let frame = path.frame().part_seen_by(&camera, part(&settings, ask.rows.clone()));
+        let rendered = wider(&ask.rows, settings.height, ask.is_denoised);
+        let frame = path.frame().part_seen_by(&camera, part(&settings, rendered));
         let rows = frame.map(|frame| path.with_frame(frame)).map_err(|error| error.to_string());
         ready.path = Some(path);
         Ok((ready.prepared.clone(), rows?))
@@ -116,7 +157,8 @@ impl TileScene {
             }
         }
         job.wait().map_err(|error| error.to_string())?;
-        let image = path.frame().develop(path.frame().film()).image;
+        let image = path.frame().develop_filtered(path.frame().film(), self.service.host_threads());
+        let image = cropped(image, path.frame().part().region.y, &ask.rows);
         let look = ask.spec.look.look();
         let light = if ask.is_metered { Light::of(&image) } else { Light::default() };
         let jpeg = Arc::new(jpeg_of(&image, &look)?);

@@ -7,7 +7,8 @@ use super::renderer::Renderer;
 use super::{Frame, Reply, Request, TileWorkers};
 use raystream::engine::PreparedScene;
 use raystream::film::tev::Tev;
-use raystream::picture::RenderSpec;
+use raystream::picture::{RenderSpec, TimedScene};
+use raystream::scene::AnimationSpan;
 use raystream::schedule::Service;
 use std::io;
 use std::sync::Arc;
@@ -26,6 +27,8 @@ pub struct ViewScene {
     /// The full picture: its size, samples, bounces, seed, filter, look and first camera. The scene has its surfaces
     /// already, so it has none.
     pub spec: RenderSpec,
+    /// The way to the scene at other times, if it has animations.
+    pub timed: Option<TimedScene>,
     /// Another viewer that shows the picture while the camera rests.
     pub(crate) viewer: Option<Arc<Tev>>,
     /// Workers that render rows of moving frames.
@@ -37,12 +40,22 @@ impl ViewScene {
     pub fn new(name: impl Into<String>, prepared: Arc<PreparedScene>, service: Arc<Service>) -> Self {
         let mut spec = RenderSpec::default();
         (spec.size, spec.stop.spp) = ((1280, 720), Some(256));
-        Self { name: name.into(), spec, prepared, service, viewer: None, tile_workers: None }
+        Self { name: name.into(), spec, prepared, service, timed: None, viewer: None, tile_workers: None }
     }
 
     /// The same with another full picture.
     pub fn with_spec(self, spec: RenderSpec) -> Self {
         Self { spec, ..self }
+    }
+
+    /// The same, at any time of its animations.
+    pub fn with_times(self, timed: Option<TimedScene>) -> Self {
+        Self { timed, ..self }
+    }
+
+    /// The animations that can be played.
+    pub fn animations(&self) -> &[AnimationSpan] {
+        self.timed.as_ref().map_or(&[], TimedScene::animations)
     }
 
     /// The same, shown by another viewer, too.

@@ -195,6 +195,7 @@ impl TileRenderer {
         let open_job = self.reader.open(&RenderSpec::default(), &path, &folder)?;
         let identity = open_job.identity(0)?;
         let scene = TileScene::new(open_job.prepared(), self.reader.service());
+        let scene = scene.with_times(open_job.timed());
         Ok((
             Arc::new(move |ask: &TileAsk, is_wanted: &dyn Fn() -> bool| scene.tile(ask, is_wanted)),
             identity,

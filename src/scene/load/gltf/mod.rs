@@ -22,6 +22,7 @@ mod node;
 mod object;
 mod pointer;
 mod pose;
+mod span;
 mod targets;
 mod texture;
 mod variant;
@@ -131,6 +132,7 @@ impl File {
             cameras: world.cameras,
             surface_requests,
             is_animated: world.is_animated,
+            animations: span::all(&context),
             stroke_width: world.stroke_width,
             variants,
             ..Scene::default()

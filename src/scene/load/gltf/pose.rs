@@ -54,13 +54,26 @@ pub(super) fn time(context: &Context) -> Option<f64> {
     options.time.or(options.animation.is_some().then_some(0.0))
 }
 
-/// True if the animation that the options choose moves more than cameras: meshes, lights, joints, morph targets,
-/// materials. Where no time is chosen, a warning tells it.
+/// True if the animation that the options choose moves more than cameras ([`shows`]). Where no time is chosen, a
+/// warning tells it.
 ///
 /// # Errors
 /// When there is no animation of the name.
 pub(super) fn is_animated(context: &mut Context) -> Result<bool, LoadProblem> {
     let Some(animation) = chosen(context)? else { return Ok(false) };
+    let is_animated = shows(context, &animation);
+    let options = &context.session.options;
+    if is_animated && options.time.is_none() && options.animation.is_none() {
+        let names = names(context.document).join(", ");
+        context.session.warnings.add(format!(
+            "The file is animated ({names}); it keeps its rest pose unless a time is chosen (--time)."
+        ));
+    }
+    Ok(is_animated)
+}
+
+/// True if an animation moves more than cameras: meshes, lights, joints, morph targets, materials.
+pub(super) fn shows(context: &Context, animation: &Animation) -> bool {
     let document = context.document;
     let mut parents = vec![None; document.nodes().len()];
     for (parent, child) in
@@ -84,16 +97,7 @@ pub(super) fn is_animated(context: &mut Context) -> Result<bool, LoadProblem> {
         let target = channel.target();
         target.property() == Property::MorphTargetWeights || carries[target.node().index()]
     };
-    let is_animated =
-        animation.channels().any(moves) || context.pointers.of(&animation).any(|channel| channel.shows());
-    let options = &context.session.options;
-    if is_animated && options.time.is_none() && options.animation.is_none() {
-        let names = names(document).join(", ");
-        context.session.warnings.add(format!(
-            "The file is animated ({names}); it keeps its rest pose unless a time is chosen (--time)."
-        ));
-    }
-    Ok(is_animated)
+    animation.channels().any(moves) || context.pointers.of(animation).any(|channel| channel.shows())
 }
 
 impl Pose {

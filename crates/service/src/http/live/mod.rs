@@ -90,7 +90,8 @@ fn view_scene(state: &State, caller: &Caller, scene: Option<String>) -> Result<V
         None => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let service = Arc::clone(state.backend().service());
-    let view_scene = ViewScene::new(name.clone(), Arc::new(open_job.prepared().clone()), service);
+    let view_scene = ViewScene::new(name.clone(), Arc::new(open_job.prepared().clone()), service)
+        .with_times(open_job.timed());
     // As a job names it, or beside it on the disk.
     let mut spec = view_scene.spec.clone();
     spec.scene = Some(scene.clone().unwrap_or(name).into());

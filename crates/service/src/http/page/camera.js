@@ -111,10 +111,11 @@ export class Camera {
   }
 }
 
-/** Steers a camera by a canvas's events. `moved` is called after each change, `clicked` and `focused` with a place. */
+/** Steers a camera by a canvas's events. `moved` is called after each change, `clicked` and `focused` with a place,
+ * `toggled` by the space bar. */
 export class Controls {
-  constructor(canvas, { camera, moved, clicked, focused, hovered }) {
-    Object.assign(this, { canvas, camera, moved, clicked, focused, hovered });
+  constructor(canvas, { camera, moved, clicked, focused, hovered, toggled }) {
+    Object.assign(this, { canvas, camera, moved, clicked, focused, hovered, toggled });
     this.pointers = new Map();
     this.keys = new Set();
     this.travelled = 0;
@@ -193,6 +194,10 @@ export class Controls {
     const camera = this.camera();
     const key = event.key.toLowerCase();
     if (!camera) return;
+    if (key === " ") {
+      event.preventDefault();
+      return this.toggled();
+    }
     if (key === "f") camera.frameAll();
     else if (key === "r") camera.reset();
     else if (key === "arrowleft") camera.pan(-0.04, 0);

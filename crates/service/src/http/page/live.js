@@ -2,6 +2,7 @@
 
 import { Camera, Controls } from "./camera.js";
 import { Connection } from "./connection.js";
+import { Player } from "./player.js";
 import { ListPlot, TimelinePlot } from "./plots.js";
 
 const SIZES = ["1280x720", "960x540", "640x360", "1920x1080", "720x720", "540x960"];
@@ -44,6 +45,7 @@ export class Live {
     // What the view before was told.
     this.notice(null);
     window.raystream = { gen: 0, spp: 0, frames: 0 };
+    this.player = new Player((request) => this.connection.change(request));
     this.connection = new Connection(url, {
       state: (state) => this.tellState(state),
       reply: (reply) => this.take(reply),
@@ -56,12 +58,14 @@ export class Live {
       clicked: (place) => this.pick(place, (hit) => this.select(hit)),
       focused: (place) => this.pick(place, (hit) => this.focus(hit)),
       hovered: (place) => this.hover(place),
+      toggled: () => this.player.toggle(),
     });
     this.bind();
   }
 
   close() {
     this.notice(null);
+    this.player.offer({ animations: [], readsTime: false });
     this.connection.close();
   }
 
@@ -106,6 +110,8 @@ export class Live {
     fill("layer", hello.layers, [["", "radiance"]]);
     fill("policy", hello.policies, [["", "of the tracer"]]);
     fill("unit", hello.units, [["", "of the scene"]]);
+    // A shader of the page's may ask for the time, too.
+    this.player.offer({ animations: hello.animations, readsTime: hello.reads_time || this.player.readsTime });
     if (!this.camera) {
       this.camera = new Camera(hello.pose, hello.least, hello.greatest);
       this.showCamera();
@@ -118,7 +124,9 @@ export class Live {
     const { edits, shaders, size, layer, scheduling, quality } = this.wanted;
     for (const [material, edit] of edits) this.connection.change({ type: "material", material, edit });
     for (const [material, source] of shaders) this.connection.change({ type: "shader", material, source });
-    for (const request of [size, quality, layer, scheduling]) if (request) this.connection.change(request);
+    const { request: time } = this.player;
+    for (const request of [size, quality, layer, scheduling, time]) if (request) this.connection.change(request);
+    this.denoise();
     this.look();
     this.connection.change({ type: "camera", pose: this.camera.pose });
   }
@@ -265,7 +273,8 @@ export class Live {
     this.connection.change({ type: "shader", material, source });
   }
 
-  shaderAnswer({ material, error }) {
+  shaderAnswer({ material, error, reads_time: readsTime }) {
+    this.player.offer({ readsTime });
     if (error) this.wanted.shaders.delete(material);
     $("shader-error").textContent = error ?? "";
     $("shader-error").hidden = !error;
@@ -276,6 +285,10 @@ export class Live {
     $("exposure").disabled = exposure === null;
     $("exposure-value").textContent = exposure === null ? "auto" : exposure.toFixed(1);
     this.connection.send({ type: "look", exposure, view: $("view").value || "agx" });
+  }
+
+  denoise() {
+    this.connection.send({ type: "denoise", moving: $("denoise").checked });
   }
 
   /** Remembers a request that a new connection must be told, and sends it. */
@@ -323,6 +336,7 @@ export class Live {
     const value = (id) => Number($(id).value);
     for (const id of ["view", "exposure", "auto-exposure"]) on(id, "input", () => this.look());
     on("layer", "input", () => this.want("layer", { type: "layer", layer: $("layer").value || null }));
+    on("denoise", "input", () => this.denoise());
     on("fov", "input", () => {
       this.camera.fov = value("fov");
       this.moved();

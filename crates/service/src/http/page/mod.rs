@@ -7,7 +7,7 @@ use axum::response::IntoResponse;
 use axum::routing::get;
 
 /// The files: address, media type, content.
-const FILES: [(&str, &str, &str); 10] = [
+const FILES: [(&str, &str, &str); 11] = [
     ("/", "text/html; charset=utf-8", include_str!("index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("style.css")),
     ("/icon.svg", "image/svg+xml", include_str!("icon.svg")),
@@ -17,6 +17,7 @@ const FILES: [(&str, &str, &str); 10] = [
     ("/http.js", "text/javascript; charset=utf-8", include_str!("http.js")),
     ("/jobs.js", "text/javascript; charset=utf-8", include_str!("jobs.js")),
     ("/live.js", "text/javascript; charset=utf-8", include_str!("live.js")),
+    ("/player.js", "text/javascript; charset=utf-8", include_str!("player.js")),
     ("/plots.js", "text/javascript; charset=utf-8", include_str!("plots.js")),
 ];
 

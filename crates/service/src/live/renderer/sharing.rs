@@ -3,12 +3,12 @@
 use super::super::decisions::DEADLINE;
 use super::super::encoder::{Content, Shown};
 use super::super::shared_frame::SharedFrame;
-use super::super::tile::{path_tracer, rows_of};
+use super::super::tile::{cropped, path_tracer, rows_of};
 use super::super::tile_dispatch::{Arrival, Arrived};
 use super::{FrameFlags, Renderer, Work};
 use crate::contract::TileAsk;
 use raystream::film::Exposure;
-use raystream::render::Settings;
+use raystream::render::{AovSet, Integrator, Settings};
 use raystream::schedule::JobReport;
 use std::time::Instant;
 
@@ -29,6 +29,7 @@ impl Renderer {
             spec: Box::new(self.wanted.spec.tile(&settings, &look)),
             shaders: self.wanted.spec.texts().clone(),
             rows: 0..0,
+            is_denoised: self.is_denoised,
             is_metered: self.wanted.spec.spec().look.exposure == Exposure::Auto,
             budget_ms: 0,
         };
@@ -56,7 +57,13 @@ impl Renderer {
     pub(super) fn take_share(&mut self, report: JobReport) {
         let Some(work) = &mut self.work else { return };
         let Some(shared) = &mut work.shared else { return };
-        let image = work.frame.develop().image;
+        // What is coarse stays as it is: it stands beside rows that are not.
+        let rendered = work.frame.integrator().frame();
+        let image = rendered.develop_filtered(&work.frame.picture(), self.view_scene.service.host_threads());
+        let image = match shared.waits_for_own() {
+            true => cropped(image, rendered.part().region.y, &shared.split().own),
+            false => image,
+        };
         let width = image.width;
         if let Some(rows) = shared.take(image) {
             work.report = Some(report);
@@ -84,7 +91,8 @@ impl Renderer {
         let Some((size, rows)) = shared.fill() else { return };
         let settings = self.moving(size);
         let Some(work) = &mut self.work else { return };
-        match path_tracer(&work.scene, &work.camera, settings).and_then(|path| rows_of(path, rows)) {
+        let path = path_tracer(&work.scene, &work.camera, settings, &AovSet::default());
+        match path.and_then(|path| rows_of(path, rows)) {
             Ok(frame) => {
                 work.frame = frame;
                 self.submit();

@@ -1,0 +1,365 @@
+//! A filter of noise for frames of a moving picture, which takes milliseconds: an à-trous wavelet transform that stops
+//! at edges (Dammertz et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering"),
+//! guided by the variance of the light (Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering").
+//!
+//! What is filtered is the light that surfaces reflect, divided by their colours: textures stay as they are. Each level
+//! takes means over 3×3 pixels that lie twice as far apart as those of the level before. A neighbour counts as far as
+//! it lies in the plane of the pixel's surface and has its normal; later levels also ask whether it is as bright within
+//! the noise that is left. The noise is that of the nearest pixels before, since a frame of one sample has no halves. Pixels that are far brighter
+//! than their neighbours are cut.
+//!
+//! The filter looks at most [`FILTER_REACH`] pixels away, so rows are the same if others are cut off beyond that.
+//!
+//! # Same bytes
+//! Levels are computed in lanes, with one pixel in each lane, in a fixed order and without fused operations; everything
+//! else is scalar. Each row is computed by one thread from inputs that do not change.
+
+use super::planes::{Plane, all_blurred, in_parallel};
+use crate::film::{Film, Image, Region};
+use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, Vector};
+use glam::Vec3;
+
+/// Number of levels.
+const LEVELS: usize = 4;
+/// Pixels that the last level looks at lie this far away.
+const MARGIN: usize = 1 << (LEVELS - 1);
+/// Radius of the squares over which light and its variance are averaged before.
+const NEAR: usize = 3;
+/// The farthest pixels on which one depends, in rows or columns.
+pub const FILTER_REACH: u32 = (2 * MARGIN - 1 + 2 * NEAR) as u32;
+
+/// Light that is this many times brighter than the mean around it is cut.
+const BRIGHTEST: f32 = 4.0;
+/// The first level that compares light: single samples differ too much.
+const COMPARING: usize = 2;
+/// Standard deviations by which light may differ.
+const DEVIATIONS: f32 = 8.0;
+/// Share of the mean light around a pixel by which light may differ, even without noise.
+const LEAST_DIFFERENCE: f32 = 0.02;
+/// Squarings of the cosine between normals.
+const SQUARINGS: usize = 4;
+/// Distances of neighbours at which one that far from a pixel's plane does not count.
+const FROM_PLANE: f32 = 1.0;
+/// Added to colours, which are divided by.
+const LEAST_COLOUR: f32 = 0.02;
+/// A number that keeps quotients finite.
+const TINY: f32 = 1e-20;
+
+/// Rows of a band, which one thread computes at a time.
+const BAND: usize = 16;
+
+/// Columns of [`GuidedPicture::guides`]: normal, position, and one by the distance of two neighbouring pixels there.
+const GUIDES: usize = 7;
+/// Columns of signals: light, its luminance, the variance of that.
+const SIGNALS: usize = 5;
+const LUMINANCE: usize = 3;
+const VARIANCE: usize = 4;
+
+/// Numbers of pixels with margins of zeros, row by row; a row has one column after the other.
+#[derive(Clone, Debug)]
+struct Rows {
+    columns: usize,
+    stride: usize,
+    numbers: Vec<f32>,
+}
+
+impl Rows {
+    fn new(columns: usize, width: usize, height: usize) -> Self {
+        let stride = 2 * MARGIN + width.next_multiple_of(MAX_LANES) + MAX_LANES;
+        Self { columns, stride, numbers: vec![0.0; columns * stride * (height + 2 * MARGIN)] }
+    }
+
+    /// A column of a row, which counts from the margin.
+    #[inline(always)]
+    fn row(&self, row: usize, column: usize) -> &[f32] {
+        &self.numbers[(row * self.columns + column) * self.stride..][..self.stride]
+    }
+
+    /// The rows of the picture in bands.
+    fn bands(&mut self, height: usize) -> impl Iterator<Item = &mut [f32]> {
+        let row = self.columns * self.stride;
+        self.numbers[MARGIN * row..][..height * row].chunks_mut(BAND * row)
+    }
+
+    /// The mean of a vector's columns, for pixels in lanes.
+    #[inline(always)]
+    fn vector<L: Lanes>(&self, l: L, row: usize, first: usize, at: usize) -> Vector<L> {
+        Vector::new(
+            Num::load(l, &self.row(row, first)[at..]),
+            Num::load(l, &self.row(row, first + 1)[at..]),
+            Num::load(l, &self.row(row, first + 2)[at..]),
+        )
+    }
+}
+
+/// A picture of few samples, and what its camera rays hit.
+#[derive(Clone, Debug)]
+pub struct GuidedPicture {
+    width: usize,
+    height: usize,
+    guides: Rows,
+    /// Colour, which light is multiplied by, and what is added then.
+    surfaces: Vec<[[f32; 3]; 2]>,
+    signal: Rows,
+}
+
+/// A camera, as far as the filter knows it.
+#[derive(Clone, Copy, Debug)]
+pub struct Viewpoint {
+    /// The place of the camera.
+    pub eye: Vec3,
+    /// Distance of neighbouring pixels at the eye, and its increase with the distance from it.
+    pub cone: [f32; 2],
+}
+
+/// The first of a film's sums that has a guide.
+#[derive(Clone, Copy, Debug)]
+pub struct GuideSums {
+    /// Three sums of shading normals.
+    pub normal: usize,
+    /// Three sums of positions.
+    pub position: usize,
+    /// Three sums of colours.
+    pub colour: usize,
+    /// Three sums of emitted radiance.
+    pub emission: usize,
+}
+
+/// What a pixel gives to the filter.
+struct Guided {
+    normal: Vec3,
+    position: Vec3,
+    colour: Vec3,
+    emission: Vec3,
+}
+
+impl GuidedPicture {
+    /// A region of a film with guides.
+    ///
+    /// # Panics
+    /// If the film does not have these sums and counts of hits.
+    pub fn of(film: &Film, region: Region, sums: GuideSums, viewpoint: Viewpoint, threads: usize) -> Self {
+        let (width, height) = (region.width as usize, region.height as usize);
+        let mut own = Self {
+            width,
+            height,
+            guides: Rows::new(GUIDES, width, height),
+            surfaces: vec![[[0.0; 3]; 2]; width * height],
+            signal: Rows::new(SIGNALS, width, height),
+        };
+        let stride = own.guides.stride;
+        let surfaces = own.surfaces.chunks_mut(BAND * width);
+        let bands = own.guides.bands(height).zip(own.signal.bands(height)).zip(surfaces).enumerate();
+        in_parallel(threads, bands.collect(), |(band, ((guides, signal), surfaces))| {
+            for (i, surface) in surfaces.iter_mut().enumerate() {
+                let (x, row) = (i % width, i / width);
+                let y = region.y as usize + band * BAND + row;
+                let pixel = y * film.width() as usize + region.x as usize + x;
+                let radiance = Vec3::from_array(film.mean_of(pixel));
+                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums) else {
+                    surface[1] = radiance.to_array();
+                    continue;
+                };
+                let colour = colour + LEAST_COLOUR;
+                let light = (radiance - emission).max(Vec3::ZERO) / colour;
+                *surface = [colour.to_array(), emission.to_array()];
+                let width_there = viewpoint.cone[0] + viewpoint.cone[1] * position.distance(viewpoint.eye);
+                let numbers = normal.to_array().into_iter().chain(position.to_array());
+                let numbers = numbers.chain([1.0 / (width_there + TINY)]);
+                for (column, number) in numbers.enumerate() {
+                    guides[(row * GUIDES + column) * stride + MARGIN + x] = number;
+                }
+                for (column, number) in light.to_array().into_iter().chain([luminance(light)]).enumerate() {
+                    signal[(row * SIGNALS + column) * stride + MARGIN + x] = number;
+                }
+            }
+        });
+        own
+    }
+
+    /// The picture with less noise, computed by `threads` threads. Neither they nor the SIMD level change a bit of it.
+    pub fn filtered(mut self, simd: SimdLevel, threads: usize) -> Image {
+        let (width, height) = (self.width, self.height);
+        self.measure(threads);
+        let mut to = Rows::new(SIGNALS, width, height);
+        for level in 0..LEVELS {
+            let (guides, from) = (&self.guides, &self.signal);
+            let bands = to.bands(height).enumerate().collect();
+            in_parallel(threads, bands, |(band, to)| {
+                simd.run(Level { guides, from, to, width, top: MARGIN + band * BAND, level });
+            });
+            std::mem::swap(&mut self.signal, &mut to);
+        }
+        let mut pixels = vec![[0.0; 3]; width * height];
+        let bands = pixels.chunks_mut(BAND * width).zip(self.surfaces.chunks(BAND * width)).enumerate();
+        in_parallel(threads, bands.collect(), |(band, (pixels, surfaces))| {
+            for (i, (pixel, [colour, added])) in pixels.iter_mut().zip(surfaces).enumerate() {
+                let row = MARGIN + band * BAND + i / width;
+                for channel in 0..3 {
+                    let light = self.signal.row(row, channel)[MARGIN + i % width];
+                    pixel[channel] = light * colour[channel] + added[channel];
+                }
+            }
+        });
+        Image::new(width as u32, height as u32, pixels)
+    }
+
+    /// Cuts what is too bright, and measures the variance of light around each pixel.
+    fn measure(&mut self, threads: usize) {
+        let (width, height) = (self.width, self.height);
+        let plane = |rows: &Rows, column: usize, number: fn(f32) -> f32| -> Plane {
+            let row = |y: usize| &rows.row(MARGIN + y, column)[MARGIN..][..width];
+            (0..height).flat_map(|y| row(y).iter().map(|&n| number(n))).collect()
+        };
+        let is_there = plane(&self.guides, GUIDES - 1, |inverse| f32::from(u8::from(inverse > 0.0)));
+        let light = plane(&self.signal, LUMINANCE, |luminance| luminance);
+        let near = all_blurred(threads, &[&is_there, &light], width, NEAR);
+        let stride = self.signal.stride;
+        let bands = self.signal.bands(height).enumerate().collect();
+        in_parallel(threads, bands, |(band, signal): (usize, &mut [f32])| {
+            for (row, signal) in signal.chunks_mut(SIGNALS * stride).enumerate() {
+                for x in 0..width {
+                    let pixel = (band * BAND + row) * width + x;
+                    let most = BRIGHTEST * near[1][pixel] / (near[0][pixel] + TINY);
+                    let own = signal[LUMINANCE * stride + MARGIN + x];
+                    let share = if own > most { most / own } else { 1.0 };
+                    for column in 0..=LUMINANCE {
+                        signal[column * stride + MARGIN + x] *= share;
+                    }
+                }
+            }
+        });
+        let light = plane(&self.signal, LUMINANCE, |luminance| luminance);
+        let squares = plane(&self.signal, LUMINANCE, |luminance| luminance * luminance);
+        let means = all_blurred(threads, &[&light, &squares], width, NEAR);
+        let bands = self.signal.bands(height).enumerate().collect();
+        in_parallel(threads, bands, |(band, signal): (usize, &mut [f32])| {
+            for (row, signal) in signal.chunks_mut(SIGNALS * stride).enumerate() {
+                for x in 0..width {
+                    let pixel = (band * BAND + row) * width + x;
+                    let there = 1.0 / (near[0][pixel] + TINY);
+                    let (mean, square) = (means[0][pixel] * there, means[1][pixel] * there);
+                    let least = LEAST_DIFFERENCE * LEAST_DIFFERENCE * mean * mean;
+                    signal[VARIANCE * stride + MARGIN + x] = (square - mean * mean).max(least);
+                }
+            }
+        });
+    }
+}
+
+/// What a film's sums say of a pixel; `None` if nothing is hit, or nothing that has a normal.
+fn guided(film: &Film, pixel: usize, sums: GuideSums) -> Option<Guided> {
+    let hits = film.hits(pixel);
+    if hits == 0 {
+        return None;
+    }
+    let mean = |first: usize, count: u32| {
+        let mean = |channel: usize| (film.layer_sum(pixel, first + channel) / f64::from(count)) as f32;
+        Vec3::new(mean(0), mean(1), mean(2))
+    };
+    let normal = mean(sums.normal, hits);
+    let length = normal.length();
+    let samples = film.samples_of(pixel).max(1);
+    (length > 0.25).then(|| Guided {
+        normal: normal / length,
+        position: mean(sums.position, hits),
+        colour: mean(sums.colour, samples),
+        emission: mean(sums.emission, samples),
+    })
+}
+
+fn luminance(light: Vec3) -> f32 {
+    light.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+}
+
+/// A band of rows of a level.
+struct Level<'a> {
+    guides: &'a Rows,
+    from: &'a Rows,
+    /// The rows that are computed.
+    to: &'a mut [f32],
+    width: usize,
+    /// The first of these rows, which counts from the margin.
+    top: usize,
+    level: usize,
+}
+
+impl LaneTask for Level<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) {
+        let Self { guides, from, to, width, top, level } = self;
+        let stride = from.stride;
+        for (row, to) in to.chunks_exact_mut(SIGNALS * stride).enumerate() {
+            for x in (0..width).step_by(L::LANES) {
+                let (y, at) = (top + row, MARGIN + x);
+                let pixels = Pixels { guides, from, level, y, at };
+                let signal = pixels.mean(l);
+                for column in 0..SIGNALS {
+                    signal[column].store(&mut to[column * stride + at..]);
+                }
+            }
+        }
+    }
+}
+
+/// Pixels in lanes, and their neighbours.
+#[derive(Clone, Copy)]
+struct Pixels<'a> {
+    guides: &'a Rows,
+    from: &'a Rows,
+    level: usize,
+    y: usize,
+    at: usize,
+}
+
+impl Pixels<'_> {
+    /// The mean of each pixel and those of its neighbours that are like it: a signal's columns.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn mean<L: Lanes>(self, l: L) -> [Num<L>; SIGNALS] {
+        let Self { guides, from, level, y, at } = self;
+        // Distance of neighbours in pixels.
+        let step = 1 << level;
+        let normal = guides.vector(l, y, 0, at);
+        let position = guides.vector(l, y, 3, at);
+        let by_width = Num::load(l, &guides.row(y, GUIDES - 1)[at..]) * (FROM_PLANE / step as f32);
+        let own = from.vector(l, y, 0, at);
+        let luminance = Num::load(l, &from.row(y, LUMINANCE)[at..]);
+        let own_variance = Num::load(l, &from.row(y, VARIANCE)[at..]);
+        let by_deviation = 1.0 / (own_variance.sqrt() * DEVIATIONS + TINY);
+        let (mut light, mut variance, mut weights) = (own, own_variance, Num::splat(l, 1.0));
+        for down in 0..3 {
+            let row = y + down * step - step;
+            for right in 0..3 {
+                if (down, right) == (1, 1) {
+                    continue;
+                }
+                let place = at + right * step - step;
+                let share = if down == 1 || right == 1 { 0.5 } else { 0.25 };
+                let mut like = normal.dot(guides.vector(l, row, 0, place)).max(Num::zero(l));
+                for _ in 0..SQUARINGS {
+                    like = like * like;
+                }
+                let apart = normal.dot(guides.vector(l, row, 3, place) - position) * by_width;
+                let near = (1.0 - apart * apart).max(Num::zero(l));
+                let mut weight = like * (near * near) * share;
+                if level >= COMPARING {
+                    let brightness = Num::load(l, &from.row(row, LUMINANCE)[place..]);
+                    let bright = (1.0 - (brightness - luminance).abs() * by_deviation).max(Num::zero(l));
+                    weight = weight * (bright * bright);
+                }
+                light += from.vector(l, row, 0, place) * weight;
+                variance += Num::load(l, &from.row(row, VARIANCE)[place..]) * (weight * weight);
+                weights += weight;
+            }
+        }
+        let by_weights = 1.0 / weights;
+        let light = light * by_weights;
+        let luminance = light.x * 0.2126 + light.y * 0.7152 + light.z * 0.0722;
+        [light.x, light.y, light.z, luminance, variance * (by_weights * by_weights)]
+    }
+}
+
+#[cfg(test)]
+mod tests;

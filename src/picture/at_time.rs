@@ -1,0 +1,85 @@
+//! A scene at any time of any of its animations, for views that play them.
+
+use super::{CheckedSpec, Moving, Rendering};
+use crate::engine::PreparedScene;
+use crate::memory::MemoryBudget;
+use crate::scene::AnimationSpan;
+use crate::scene::load::LoadOptions;
+use anyhow::{Result, ensure};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The animation that was shown last, and the way to its times.
+type Last = Option<(Option<String>, Moving)>;
+
+/// A scene at any time of any of its animations. Clones share what they keep.
+#[derive(Clone, Debug)]
+pub struct TimedScene {
+    /// Of a still picture, at rest.
+    rendering: Rendering,
+    options: LoadOptions,
+    memory: MemoryBudget,
+    last: Arc<Mutex<Last>>,
+}
+
+impl TimedScene {
+    /// The scene of a rendering, which was read with these options at rest. `None` if it looks the same at all times.
+    pub fn new(rendering: &Rendering, options: LoadOptions, memory: MemoryBudget) -> Option<Self> {
+        let scene = &rendering.prepared().scene;
+        (!scene.animations.is_empty()).then(|| Self {
+            rendering: rendering.clone(),
+            options,
+            memory,
+            last: Arc::default(),
+        })
+    }
+
+    /// The same, which keeps no scenes that others have asked for.
+    pub fn fresh(&self) -> Self {
+        Self { last: Arc::default(), ..self.clone() }
+    }
+
+    /// The animations, the first of which is shown where none is named.
+    pub fn animations(&self) -> &[AnimationSpan] {
+        &self.rendering.prepared().scene.animations
+    }
+
+    /// Checks that there is an animation of a name.
+    ///
+    /// # Errors
+    /// The names that there are.
+    pub fn check(&self, name: &str) -> Result<()> {
+        let names: Vec<String> = self.animations().iter().map(|span| format!("{:?}", span.name)).collect();
+        let is_known = self.animations().iter().any(|span| span.name == name);
+        ensure!(is_known, "the scene has no animation {name:?}; choose one of {}", names.join(", "));
+        Ok(())
+    }
+
+    /// The scene at a time of an animation, of the first one without a name. Its light is that of the scene at rest.
+    ///
+    /// # Errors
+    /// If the time is not finite, there is no animation of the name, or the scene cannot be read.
+    pub fn at(&self, seconds: f64, animation: Option<&str>) -> Result<PreparedScene> {
+        ensure!(seconds.is_finite(), "time: write a finite number of seconds, as in 1.5");
+        animation.map_or(Ok(()), |name| self.check(name))?;
+        let mut spec = self.rendering.spec().clone();
+        (spec.loading.time, spec.loading.animation) = (Some(seconds), animation.map(str::to_owned));
+        let checked = CheckedSpec::new(spec, self.rendering.checked().registry())?;
+        let rendering = Rendering::new(&checked, self.rendering.prepared().clone())?;
+        self.moving(animation).scene(seconds, &rendering)
+    }
+
+    /// The way to the times of an animation. Those of one that was shown before are read anew.
+    fn moving(&self, animation: Option<&str>) -> Moving {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((name, moving)) = &*last
+            && name.as_deref() == animation
+        {
+            return moving.clone();
+        }
+        let options = self.options.clone();
+        let options = animation.iter().fold(options, |options, name| options.with_animation(*name));
+        let moving = Moving::new(options, self.memory);
+        *last = Some((animation.map(str::to_owned), moving.clone()));
+        moving
+    }
+}
