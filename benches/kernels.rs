@@ -12,8 +12,8 @@ use raystream::geom::{Sampler, warp};
 use raystream::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, Vector};
 use raystream::render::{AovSet, Integrator, Settings};
 use raystream::scene::{Camera, Effects, Finish, generate};
-use raystream::shade::Bsdf;
 use raystream::schedule::{JobOptions, Service, ServiceOptions};
+use raystream::shade::Bsdf;
 use raystream::shade::bsdf::{Matte, Principled, Smoothness};
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::CpuTracer;
@@ -202,7 +202,8 @@ fn film_splat(bencher: Bencher, level: SimdLevel) {
 /// The filter of a moving frame of 768×432 pixels, on two threads.
 #[divan::bench(args = SimdLevel::available())]
 fn moving_filter(bencher: Bencher, level: SimdLevel) {
-    let prepared = PreparedScene::new(generate::matte(generate::terrain(200)), &Units::cpu()).expect("a scene");
+    let prepared =
+        PreparedScene::new(generate::matte(generate::terrain(200)), &Units::cpu()).expect("a scene");
     let camera = Camera::framing(&prepared.scene.bounds(), 16.0 / 9.0);
     let settings = Settings::new(768, 432).with_spp(1).with_max_bounces(1);
     let path = prepared.path(&camera, settings).expect("a frame");

@@ -160,7 +160,8 @@ impl AovSet {
     /// The first sum of each layer of [`AovSet::guides`], if a film with these layers has them.
     pub(super) fn guide_sums(&self) -> Option<GuideSums> {
         let sum = |wanted: Aov| {
-            let before = MEANS.iter().filter(|(aov, _)| self.holds(*aov)).take_while(|(aov, _)| *aov != wanted);
+            let before =
+                MEANS.iter().filter(|(aov, _)| self.holds(*aov)).take_while(|(aov, _)| *aov != wanted);
             self.holds(wanted).then(|| before.map(|(_, channels)| channels.len()).sum())
         };
         let [normal, position, colour, emission] = GUIDES.map(sum);

@@ -3,7 +3,8 @@
 use super::Frame;
 use super::aov::{Aov, AovError, AovSet, COUNTS, FEATURES, MEANS};
 use crate::film::{
-    Coverage, Film, GuidedPicture, Image, Layer, LayerValues, NoisyPicture, Picture, Region, Viewpoint, power_of_two,
+    Coverage, Film, GuidedPicture, Image, Layer, LayerValues, NoisyPicture, Picture, Region, Viewpoint,
+    power_of_two,
 };
 use crate::lanes::SimdLevel;
 use crate::scene::{Lens, Objects, Scene};

@@ -4,8 +4,9 @@ use super::FlatError;
 use super::arrays::{Reader, Writer};
 use crate::geom::Placement;
 use crate::scene::{
-    AnimationSpan, Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance, Light, Material,
-    Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh, Wrap,
+    AnimationSpan, Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance,
+    Light, Material, Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh,
+    Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};

@@ -4,10 +4,10 @@ use super::{FlatError, VERSION, read, triangles, write};
 use crate::lanes::Lanes;
 use crate::memory::MemoryBudget;
 use crate::scene::{
-    AnimatedNode, AnimationSpan, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment, EnvironmentMap,
-    Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object, Points, Principled,
-    Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef, Track, TriangleMesh,
-    Wrap,
+    AnimatedNode, AnimationSpan, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment,
+    EnvironmentMap, Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object,
+    Points, Principled, Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef,
+    Track, TriangleMesh, Wrap,
 };
 use glam::{DQuat, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;

@@ -23,8 +23,8 @@ use raystream::engine::{PreparedScene, Units};
 use raystream::film::tev::Tev;
 use raystream::memory::{MemoryBudget, OutOfMemory};
 use raystream::picture::{
-    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, TimedScene, afford, scene_file,
-    shaders, with_causes,
+    CheckedSpec, Moving, Registry, RenderSpec, SceneSpec, SpecError, SpecGroup, TimedScene, afford,
+    scene_file, shaders, with_causes,
 };
 use raystream::scene::{Camera, CameraError, Projection, Scene};
 use raystream::schedule::{Policy, Service};

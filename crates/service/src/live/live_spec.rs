@@ -1,8 +1,8 @@
 //! The spec of a live view: what it shows, as the picture that `raystream render` makes of the same text.
 
 use crate::contract::{Pose, ShaderTexts};
-use raystream::film::Look;
 use raystream::engine::PreparedScene;
+use raystream::film::Look;
 use raystream::picture::{Frames, MaterialChange, RenderSpec, ShaderSurface, TimedScene, with_causes};
 use raystream::program::PatternShader;
 use raystream::render::Settings;

@@ -146,7 +146,10 @@ mod tests {
         assert_eq!(read(r#"{"type":"time","generation":4,"seconds":0.5}"#).ok(), Some(time));
         let denoise = Request::Denoise { moving: false };
         assert_eq!(read(r#"{"type":"denoise","moving":false}"#).ok(), Some(denoise));
-        for bad in [r#"{"type":"time","generation":1,"seconds":NaN}"#, r#"{"type":"time","generation":1,"seconds":1e999}"#] {
+        for bad in [
+            r#"{"type":"time","generation":1,"seconds":NaN}"#,
+            r#"{"type":"time","generation":1,"seconds":1e999}"#,
+        ] {
             assert!(read(bad).is_err(), "{bad}");
         }
         for bad in ["", "{}", r#"{"type":"camera"}"#, r#"{"type":"ack","sequence":-1}"#, r#"{"type":"x"}"#] {

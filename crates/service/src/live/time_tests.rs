@@ -25,7 +25,9 @@ fn write_scene(folder: &Path) {
     let (mut bytes, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
     for (number, numbers) in numbers.into_iter().enumerate() {
         let (kind, width) = if number == 2 || number == 4 { ("SCALAR", 1) } else { ("VEC3", 3) };
-        views.push(serde_json::json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": 4 * numbers.len() }));
+        views.push(
+            serde_json::json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": 4 * numbers.len() }),
+        );
         let (min, max) = match number {
             0 => (vec![-0.5, -0.5, 0.0], vec![0.5, 0.5, 0.0]),
             1 => (vec![-4.0, -4.0, -1.0], vec![4.0, 5.0, -1.0]),

@@ -83,9 +83,7 @@ fn whole(film: &Film) -> Image {
 /// Mean squared relative error of what is no sky.
 fn error(image: &Image) -> f32 {
     let pixels = (SKY * WIDTH..WIDTH * HEIGHT).map(|pixel| (pixel % WIDTH, pixel / WIDTH));
-    let square = |(x, y): (u32, u32)| {
-        (image.pixels[(y * WIDTH + x) as usize][1] / exact(x, y) - 1.0).powi(2)
-    };
+    let square = |(x, y): (u32, u32)| (image.pixels[(y * WIDTH + x) as usize][1] / exact(x, y) - 1.0).powi(2);
     let squares: Vec<f32> = pixels.map(square).collect();
     squares.iter().sum::<f32>() / squares.len() as f32
 }
@@ -137,7 +135,8 @@ fn rows_do_not_depend_on_rows_out_of_reach() {
     assert!(first > 0 && last < HEIGHT);
     let region = Region { x: 0, y: first, width: WIDTH, height: last - first };
     let some = filtered(&film, region, SimdLevel::detect(), 1);
-    let crop = |image: Image, y: u32| image.cropped(Region { x: 0, y, width: WIDTH, height: rows.len() as u32 });
+    let crop =
+        |image: Image, y: u32| image.cropped(Region { x: 0, y, width: WIDTH, height: rows.len() as u32 });
     assert_eq!(crop(some, FILTER_REACH), crop(all, rows.start));
 }
 
