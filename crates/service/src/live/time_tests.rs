@@ -96,11 +96,10 @@ fn a_view_that_rests_at_a_time_shows_the_picture_of_that_time() {
     let mut client = Client::of(moving_view(folder.path()));
     client.look_from(1, Vec3::new(0.3, 0.2, 4.0));
     let rest = client.last(1);
-    // What plays shows moving frames, and the last time stays.
+    // Of times that follow each other fast, the last one stays.
     for step in 0..10 {
         client.view.ask(time(2 + step, 0.5 + 0.05 * f64::from(step), None));
     }
-    client.moving(11);
     let right = client.last(11);
     assert_ne!(right.bytes, rest.bytes);
     client.view.ask(time(12, 1.25, Some("up")));
