@@ -5,8 +5,8 @@
 //! What is filtered is the light that surfaces reflect, divided by their colours: textures stay as they are. Each level
 //! takes means over 3×3 pixels that lie twice as far apart as those of the level before. A neighbour counts as far as
 //! it lies in the plane of the pixel's surface and has its normal; later levels also ask whether it is as bright within
-//! the noise that is left. The noise is that of the nearest pixels before, since a frame of one sample has no halves. Pixels that are far brighter
-//! than their neighbours are cut.
+//! the noise that is left. The noise is that of the nearest pixels before, since a frame of one sample has no halves.
+//! Pixels that are far brighter than their neighbours are cut.
 //!
 //! The filter looks at most [`FILTER_REACH`] pixels away, so rows are the same if others are cut off beyond that.
 //!

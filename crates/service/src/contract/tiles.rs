@@ -30,8 +30,8 @@ pub struct TileAsk {
     pub view: u64,
     /// The frame's number in its view, which rises.
     pub frame: u64,
-    /// The whole frame: size, samples, bounces, seed, camera, look, materials, surfaces, and nothing else. Its exposure
-    /// is a number of stops.
+    /// The whole frame: size, samples, bounces, seed, camera, look, materials, surfaces, time, animation, and nothing
+    /// else. Its exposure is a number of stops.
     pub spec: Box<RenderSpec>,
     /// The shaders of its surfaces.
     pub shaders: ShaderTexts,

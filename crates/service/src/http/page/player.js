@@ -70,7 +70,7 @@ export class Player {
     else this.play();
   }
 
-  /** Plays from the time that is shown, over and over. The clock decides which time is next, so slow frames skip some. */
+  /** Plays from the time that is shown, over and over. The clock decides which time is next: slow frames skip some. */
   play() {
     if (this.isPlaying || !this.span) return;
     this.isPlaying = true;
