@@ -4,8 +4,8 @@
     scripts/animation_check.py RAYSTREAM FILE.. [--markdown]
 
 Each animation of each file is evaluated at five times, the last of them after its last key, and compared corner by
-corner with `raystream mesh FILE --time T`. Nodes (translation, rotation, scale, by plain channels or by pointers), STEP,
-LINEAR and CUBICSPLINE, skins with any number of joints for each vertex, and morph targets are evaluated in 64-bit
+corner with `raystream mesh FILE --time T`. Nodes (translation, rotation, scale, by plain channels or by pointers),
+STEP, LINEAR and CUBICSPLINE, skins with any number of joints for each vertex, and morph targets are evaluated in 64-bit
 floats. The difference may be 1e-5 of the largest coordinate, or 1e-5 where that is below 1. Needs NumPy.
 """
 
