@@ -4,8 +4,8 @@
     scripts/animation_check.py RAYSTREAM FILE.. [--markdown]
 
 Each animation of each file is evaluated at five times, the last of them after its last key, and compared corner by
-corner with `raystream mesh FILE --time T`. Nodes (translation, rotation, scale, by plain channels or by pointers), STEP,
-LINEAR and CUBICSPLINE, skins with any number of joints for each vertex, and morph targets are evaluated in 64-bit
+corner with `raystream mesh FILE --time T`. Nodes (translation, rotation, scale, by plain channels or by pointers),
+STEP, LINEAR and CUBICSPLINE, skins with any number of joints for each vertex, and morph targets are evaluated in 64-bit
 floats. The difference may be 1e-5 of the largest coordinate, or 1e-5 where that is below 1. Needs NumPy.
 """
 
@@ -86,14 +86,13 @@ class File:
 
 
 def slerp(a, b, share):
-    """Between two unit quaternions, the shorter way."""
+    """Between two quaternions as glTF's appendix C has it, the shorter way."""
     cosine = a @ b
     if cosine < 0:
         b, cosine = -b, -cosine
     if cosine > 1 - 1e-12:
-        mean = a + share * (b - a)
-        return mean / np.linalg.norm(mean)
-    angle = np.arccos(min(cosine, 1.0))
+        return a + share * (b - a)
+    angle = np.arccos(cosine)
     return (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / np.sin(angle)
 
 
@@ -116,8 +115,8 @@ def value_at(file, sampler, time, is_rotation):
     if way == "STEP":
         return unit(keys[at, 0])
     if way == "LINEAR":
-        a, b = unit(keys[at, 0]), unit(keys[at + 1, 0])
-        return slerp(a, b, share) if is_rotation else a + share * (b - a)
+        a, b = keys[at, 0], keys[at + 1, 0]
+        return unit(slerp(a, b, share) if is_rotation else a + share * (b - a))
     square, cube = share**2, share**3
     spline = (
         (2 * cube - 3 * square + 1) * keys[at, 1]
@@ -129,18 +128,19 @@ def value_at(file, sampler, time, is_rotation):
 
 
 def targets(animation):
-    """The node, path and sampler of each channel that poses a node."""
+    """The list, the number, the key and the sampler of each channel that poses a node, or weighs a mesh's targets."""
     for channel in animation["channels"]:
         target = channel["target"]
-        node, path = target.get("node"), target["path"]
-        if path == "pointer":
+        of, number, key = "nodes", target.get("node"), target["path"]
+        if key == "pointer":
             pointer = target["extensions"]["KHR_animation_pointer"]["pointer"]
-            found = re.fullmatch(r"/nodes/(\d+)/(translation|rotation|scale|weights)", pointer)
+            pose = r"/(nodes)/(\d+)/(translation|rotation|scale|weights)|/(meshes)/(\d+)/(weights)"
+            found = re.fullmatch(pose, pointer)
             if not found:
                 continue
-            node, path = int(found[1]), found[2]
-        if node is not None:
-            yield node, path, animation["samplers"][channel["sampler"]]
+            of, number, key = [group for group in found.groups() if group]
+        if number is not None:
+            yield of, int(number), key, animation["samplers"][channel["sampler"]]
 
 
 def matrix_of(node):
@@ -164,12 +164,10 @@ def matrix_of(node):
 def corners_at(file, animation, time):
     """The corners of all triangles in the world, in the order of the file's nodes: n triangles by three corners."""
     root = file.json
-    nodes = [dict(node) for node in root["nodes"]]
-    for number, path, sampler in targets(animation):
-        value = value_at(file, sampler, time, path == "rotation")
-        if "matrix" in nodes[number] and path != "weights":
-            del nodes[number]["matrix"]
-        nodes[number][path] = value
+    posed = {key: [dict(part) for part in root[key]] for key in ["nodes", "meshes"]}
+    nodes = posed["nodes"]
+    for of, number, key, sampler in targets(animation):
+        posed[of][number][key] = value_at(file, sampler, time, key == "rotation")
     places, order = {}, []
     scene = root["scenes"][root.get("scene", 0)]
     pending = [(number, np.eye(4)) for number in reversed(scene["nodes"])]
@@ -183,7 +181,7 @@ def corners_at(file, animation, time):
         node = nodes[number]
         if "mesh" not in node:
             continue
-        mesh = root["meshes"][node["mesh"]]
+        mesh = posed["meshes"][node["mesh"]]
         weights = node.get("weights", mesh.get("weights", []))
         for primitive in mesh["primitives"]:
             positions = bent(file, primitive, weights, node, places, number)

@@ -70,8 +70,8 @@ pub struct PreparedScene {
     lit: OnceLock<LitScene>,
     /// Computed when first needed.
     scene_hash: OnceLock<String>,
-    /// [`Bvh::looseness`] of the tree's own triangles when they were built, once it has been needed.
-    built_looseness: OnceLock<f32>,
+    /// The fit of the tree of triangles that are no instances when it was built, once it has been needed.
+    built_fit: OnceLock<tree::Fit>,
 }
 
 impl PreparedScene {
@@ -99,7 +99,7 @@ impl PreparedScene {
     }
 
     /// Prepares a valid scene whose tree this is.
-    fn of_tree(scene: Arc<Scene>, bvh: Arc<Bvh>, built_looseness: OnceLock<f32>, units: &Units) -> Self {
+    fn of_tree(scene: Arc<Scene>, bvh: Arc<Bvh>, built_fit: OnceLock<tree::Fit>, units: &Units) -> Self {
         let filter = filter(&scene);
         let (host, single_ray) = host_tracers(&bvh, filter.as_ref(), units);
         let (device, degraded) = match units.device(&bvh, filter.clone(), &host) {
@@ -125,7 +125,7 @@ impl PreparedScene {
             device,
             lit,
             scene_hash,
-            built_looseness,
+            built_fit,
         }
     }
 
@@ -134,7 +134,7 @@ impl PreparedScene {
     /// stays as it is.
     ///
     /// In a scene whose triangles have only moved, the tree is moved, too: instances are placed anew, other triangles
-    /// refitted ([`Bvh::refit`]), or built anew where [`Bvh::looseness`] has grown by half. The tree is built anew if
+    /// refitted ([`Bvh::refit`]), or built anew where [`Bvh::cost`] or [`Bvh::looseness`] has grown by half. The tree is built anew if
     /// the scene has other triangles or shapes, or if materials become opaque or cease to be
     /// ([`crate::scene::AlphaMode`]). The pictures are the same in any case.
     ///
@@ -146,7 +146,7 @@ impl PreparedScene {
         let prepared = if self.keeps_tree(&scene) {
             self.with_valid_scene(scene)
         } else {
-            match tree::moved(&self.bvh, &self.built_looseness, &self.scene, &scene) {
+            match tree::moved(&self.bvh, &self.built_fit, &self.scene, &scene) {
                 Some((bvh, _)) if Arc::ptr_eq(&bvh, &self.bvh) => self.with_valid_scene(scene),
                 Some((bvh, built)) => Self::of_tree(scene, bvh, built, &self.units),
                 None => Self::of_valid(scene, &self.units),
@@ -182,7 +182,7 @@ impl PreparedScene {
             units: self.units.clone(),
             lit: OnceLock::new(),
             scene_hash: OnceLock::new(),
-            built_looseness: self.built_looseness.clone(),
+            built_fit: self.built_fit.clone(),
             scene,
             filter,
             single_ray,

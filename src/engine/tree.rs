@@ -15,8 +15,12 @@ use std::sync::{Arc, OnceLock};
 /// and the box of a rotated tree is looser than a box around the rotated triangles.
 pub const MIN_SAVED_TRIANGLES: usize = 1 << 16;
 
-/// Factor by which [`Bvh::looseness`] may grow before triangles that have moved get a new tree.
-const MAX_LOOSENESS: f32 = 1.5;
+/// Factor by which a number of [`Fit`] may grow before triangles that have moved get a new tree.
+const MAX_GROWTH: f32 = 1.5;
+
+/// How well the boxes of a tree fit its triangles: [`Bvh::cost`], which falls where triangles far away make the whole
+/// larger, and [`Bvh::looseness`], which falls where the triangles themselves grow.
+pub type Fit = [f32; 2];
 
 /// Triangles that one thread looks at, at least.
 const TRIANGLES_AT_ONCE: usize = 1 << 13;
@@ -41,15 +45,15 @@ pub fn build(scene: &Scene, min_saved_triangles: usize) -> Bvh {
 }
 
 /// The tree of a scene, made from that of `former`, which has the same triangles elsewhere; the same tree if none has
-/// moved. Triangles of their own are refitted, instances are moved. `built` is the looseness that the triangles' own
-/// tree was built with, which is found when it is first needed; that of the new tree comes with it. `None` if triangles
+/// moved. Triangles of their own are refitted, instances are moved. `built` is the fit that the triangles' own tree
+/// was built with, which is found when it is first needed; that of the new tree comes with it. `None` if triangles
 /// came or went, or their corners, shapes or alpha modes are others.
 pub fn moved(
     tree: &Arc<Bvh>,
-    built: &OnceLock<f32>,
+    built: &OnceLock<Fit>,
     former: &Scene,
     scene: &Scene,
-) -> Option<(Arc<Bvh>, OnceLock<f32>)> {
+) -> Option<(Arc<Bvh>, OnceLock<Fit>)> {
     let [old, new] = [former, scene].map(|scene| Parts::new(scene, MIN_SAVED_TRIANGLES));
     if !new.are_like(&old) {
         return None;
@@ -121,11 +125,13 @@ impl<'a> Parts<'a> {
     }
 
     /// The tree over the triangles of no shape, from one of the same triangles elsewhere: see [`moved`].
-    fn moved_single(&self, tree: &Bvh, built: &OnceLock<f32>) -> (Bvh, OnceLock<f32>) {
-        let most = MAX_LOOSENESS * *built.get_or_init(|| tree.looseness());
+    fn moved_single(&self, tree: &Bvh, built: &OnceLock<Fit>) -> (Bvh, OnceLock<Fit>) {
+        let fit = |tree: &Bvh| [tree.cost(), tree.looseness()];
+        let before = built.get_or_init(|| fit(tree));
         let mut moved = tree.clone();
-        let fits = moved.refit(&self.scene.mesh.positions, &self.triangles());
-        if fits.is_ok() && moved.looseness() <= most {
+        let is_moved = moved.refit(&self.scene.mesh.positions, &self.triangles()).is_ok();
+        let fits = |moved: Fit| moved.iter().zip(before).all(|(now, before)| *now <= MAX_GROWTH * before);
+        if is_moved && fits(fit(&moved)) {
             return (moved, built.clone());
         }
         (self.build_single(), OnceLock::new())

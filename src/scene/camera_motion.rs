@@ -170,10 +170,17 @@ impl<T: Interpolate> Track<T> {
     }
 }
 
+/// Greatest difference of a unit quaternion's squared length from 1 once its numbers are rounded to `f32`.
+const ROUNDED_ROTATION: f64 = 1e-6;
+
 impl AnimatedNode {
     /// The matrix at a time, relative to the parent.
     pub fn matrix_at(&self, seconds: f64) -> DMat4 {
-        let (scale, rotation) = (self.scale.at(seconds), self.rotation.at(seconds));
+        let (scale, mut rotation) = (self.scale.at(seconds), self.rotation.at(seconds));
+        // Some files have three digits.
+        if (rotation.length_squared() - 1.0).abs() > ROUNDED_ROTATION {
+            rotation = unit_rotation(rotation);
+        }
         DMat4::from_scale_rotation_translation(scale, rotation, self.translation.at(seconds))
     }
 }
@@ -250,6 +257,27 @@ mod tests {
         let above = AnimatedNode { translation, rotation: Track::constant(DQuat::IDENTITY), scale: rest() };
         let camera = AnimatedNode { translation: Track::constant(DVec3::Z), rotation, scale: rest() };
         CameraMotion::new(40.0, vec![above, camera])
+    }
+
+    #[test]
+    fn rotations_of_few_digits_scale_nothing() {
+        let rotation = |z: f64, w: f64| {
+            let value = DQuat::from_xyzw(0.0, 0.0, z, w);
+            Track::new(vec![0.0, 1.0], keys([[value; 3]; 2]), Interpolation::Linear).expect("keys")
+        };
+        let node = |rotation| AnimatedNode {
+            translation: Track::constant(DVec3::ZERO),
+            rotation,
+            scale: Track::constant(DVec3::ONE),
+        };
+        for seconds in [0.0, 0.5, 2.0] {
+            let turned = node(rotation(0.383, 0.924)).matrix_at(seconds).x_axis.truncate();
+            assert!((turned.length() - 1.0).abs() < 1e-12, "{turned}");
+        }
+        // Those of 32 bits keep their bits.
+        let half = f64::from(std::f32::consts::FRAC_1_SQRT_2);
+        let matrix = DMat4::from_quat(DQuat::from_xyzw(0.0, 0.0, half, half));
+        assert_eq!(node(rotation(half, half)).matrix_at(0.0), matrix);
     }
 
     #[test]

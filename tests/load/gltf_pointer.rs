@@ -2,7 +2,7 @@
 
 use crate::document::Document;
 use crate::folder::{Folder, assert_holds, warns};
-use raystream::scene::load::{LoadOptions, load_with};
+use raystream::scene::load::LoadOptions;
 use raystream::scene::{LightShape, Projection, Scene};
 use serde_json::{Value, json};
 

@@ -118,15 +118,15 @@ fn a_refitted_tree_is_valid_and_tight_and_has_the_moved_triangles() {
         assert_eq!(bvh.is_masked(primitive), primitive % 3 == 0);
     }
     assert_eq!(bvh.bounds(), build(&after).bounds());
-    // Neither size nor place nor a triangle far away makes boxes looser; neighbours that part do.
-    let (tight, loose) = (build(&before).looseness(), bvh.looseness());
-    assert!(loose > 3.0 * tight && tight > 1.0, "{loose}, {tight}");
+    // Neither size nor place makes boxes looser. A triangle far away from those in its boxes does, although the cost
+    // of a ray through the whole falls.
+    let tight = build(&before).looseness();
     let mut larger = build(&before);
     let mut positions: Vec<Vec3> = before.positions.iter().map(|p| 8.0 * *p + Vec3::splat(64.0)).collect();
     assert_eq!(larger.refit(&positions, &before.triangles), Ok(()));
     assert!((larger.looseness() / tight - 1.0).abs() < 1e-3, "{}", larger.looseness());
     let cost = larger.cost();
-    before.triangles[0].map(|corner| positions[corner as usize] += Vec3::splat(1e4));
+    before.triangles[0].iter().for_each(|&corner| positions[corner as usize] += Vec3::splat(1e4));
     assert_eq!(larger.refit(&positions, &before.triangles), Ok(()));
     assert!(larger.looseness() > 100.0 * tight && larger.cost() < cost, "{}", larger.looseness());
     // Moving back gives the first tree.

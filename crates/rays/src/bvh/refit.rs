@@ -36,7 +36,7 @@ impl Bvh {
     /// [`Bvh::build`].
     ///
     /// Much cheaper than building, and the tree traces as well as long as triangles keep their neighbours.
-    /// When [`Bvh::looseness`] has grown by half, build a new tree. If triangles that shared a corner move it to
+    /// When [`Bvh::cost`] or [`Bvh::looseness`] has grown by half, build a new tree. If triangles that shared a corner move it to
     /// different points, all leaf blocks are packed again: that takes three times as long and holds the
     /// blocks in memory twice. Runs on the current rayon pool.
     ///
@@ -90,9 +90,11 @@ impl Bvh {
     }
 
     /// How loosely the boxes of a tree of triangles fit: the cost of all that lies below its root, as [`Bvh::cost`]
-    /// counts it, by the surfaces of the boxes of single triangles. A tree that was refitted is compared with itself
-    /// when it was built: [`Bvh::cost`] alone falls where triangles far away make the whole larger, and this number
-    /// changes with neither size nor place of the whole. 0 if no triangle has a surface.
+    /// counts it, by the surfaces of the boxes of single triangles. 0 if no triangle has a surface.
+    ///
+    /// A tree that was refitted is compared with itself when it was built. [`Bvh::cost`] falls where triangles far away
+    /// make the whole larger, and this number where the triangles themselves grow; where neither has risen, the tree
+    /// is as good as it was. Both change with neither size nor place of the whole.
     pub fn looseness(&self) -> f32 {
         let of_node = |node: &WideNode| -> f32 {
             let of_block = |child: Child| -> f32 {
