@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn deflections_have_the_anisotropy_as_their_mean_cosine() {
-        for g in [-1.0, -0.8, -0.3, 0.0, 5e-4, 2e-3, 0.5, 0.9] {
+        for g in [-0.95, -0.8, -0.3, 0.0, 5e-4, 2e-3, 0.5, 0.9] {
             let (mut cosines, mut inverse) = (0.0, 0.0);
             let count = 1 << 16;
             for i in 0..count {

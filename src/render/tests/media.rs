@@ -95,8 +95,10 @@ fn white_media_vanish_in_a_white_furnace() {
 fn coloured_media_gain_no_light() {
     let coloured = Medium { absorption: Vec3::ZERO, scattering: Vec3::new(0.5, 6.0, 40.0), anisotropy: 0.2 };
     for material in [opal(coloured, 1.0, 0.0), opal(coloured, 1.5, 0.0), wax(coloured, 1.0)] {
-        let found = mean(&cube(0.5, material), SETTINGS, 12.0);
-        assert!(found.max_element() < 1.005 && found.min_element() > 0.97, "{found}");
+        // Distances are those of one channel, so that the mean of all of them has little noise.
+        let found = mean(&cube(0.5, material), Settings { spp: 256, ..SETTINGS }, 12.0);
+        let all = found.element_sum() / 3.0;
+        assert!(all < 1.005 && all > 0.98 && (found - all).abs().max_element() < 0.012, "{found}");
     }
 }
 
@@ -130,7 +132,7 @@ fn chandrasekhar(albedo: f64) -> Vec<(f64, f64)> {
 
 /// The middle of a face of a cube of 400 mean free paths, seen along the normal.
 fn half_space(material: impl FnOnce(f32) -> Material) -> f32 {
-    let settings = Settings { spp: 4096, width: 8, height: 8, ..SETTINGS };
+    let settings = Settings { spp: 1024, width: 8, height: 8, ..SETTINGS };
     mean(&cube(1.0, material(200.0)), settings, 1.0).x
 }
 

@@ -76,6 +76,8 @@ pub struct OpenPbr<L: Lanes> {
     diffuse: Eon<L>,
     /// Share of the surface that is opaque dielectric.
     opaque: Num<L>,
+    /// Share of the surface that reflects diffusely.
+    diffuse_share: Num<L>,
     /// Share of the light lost between facets that is given back, and factor of the diffuse base.
     kept: [f32; 2],
     through: Option<Through<L>>,
@@ -180,11 +182,11 @@ impl<L: Lanes> OpenPbr<L> {
             albedo = albedo.lerp(white, weight_of);
             opaque *= one - weight_of;
         }
-        let mut subsurface = None;
+        let (mut subsurface, mut diffuse_share) = (None, opaque);
         if let Some(of_subsurface) = &of.subsurface {
             let color = of_subsurface.color.clamp(0.0, 1.0);
             let weight_of = opaque * share(of_subsurface.weight);
-            opaque -= weight_of;
+            diffuse_share -= weight_of;
             subsurface = Some(if of.thin_walled {
                 Subsurface::thin(weight_of, color, of_subsurface.anisotropy)
             } else if !smoothness.enters_media {
@@ -200,6 +202,7 @@ impl<L: Lanes> OpenPbr<L> {
                     through.weight = Num::select(leaving, through.weight / open, through.weight);
                 }
                 opaque = opaque.only(!leaving);
+                diffuse_share = diffuse_share.only(!leaving);
                 metalness = metalness.only(!leaving);
                 let weight_of = Num::select(leaving, weight_of / open, weight_of);
                 let (bent, _) = modulated(ior, weight);
@@ -232,6 +235,7 @@ impl<L: Lanes> OpenPbr<L> {
             tint: of.specular_color.clamp(0.0, 1.0),
             diffuse: Eon { colour: base, roughness: share(of.base_diffuse_roughness) },
             opaque,
+            diffuse_share,
             kept: [
                 if of.specular_anisotropy.is_some() { GIVEN_BACK_ALONG } else { GIVEN_BACK },
                 if is_along { DIFFUSE_ALONG } else { 1.0 },
@@ -257,7 +261,7 @@ impl<L: Lanes> OpenPbr<L> {
         if self.fuzz.is_some() {
             return Mask::splat(l, false);
         }
-        let mut diffuse = self.diffuse.colour.max_element() * self.opaque;
+        let mut diffuse = self.diffuse.colour.max_element() * self.diffuse_share;
         if let Some(subsurface) = &self.subsurface {
             diffuse += subsurface.weight;
         }

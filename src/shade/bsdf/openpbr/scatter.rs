@@ -121,7 +121,7 @@ impl<L: Lanes> OpenPbr<L> {
         let Shares { reflected, passed } = self.facet(wo.z);
         let metal = self.metal_share(view);
         let facets = mean(reflected * (1.0 - near.facets.deficit) + passed);
-        let mut scattered = mean(self.diffuse.colour * near.passed) * self.opaque;
+        let mut scattered = mean(self.diffuse.colour * near.passed) * self.diffuse_share;
         scattered += mean(metal) * near.under;
         let mut crossing = Num::zero(l);
         if let (Some(further), Some(through)) = (&view.further, &self.through) {
@@ -197,7 +197,8 @@ impl<L: Lanes> OpenPbr<L> {
         let lit = above & there;
         let cosine = half.dot(wo);
         let passed = (near.passed * far.passed).over(view.passed);
-        let mut value = self.diffuse.brdf(wo, raised) * passed * (self.opaque * raised.z * self.kept[1]);
+        let mut value =
+            self.diffuse.brdf(wo, raised) * passed * (self.diffuse_share * raised.z * self.kept[1]);
         value += view.strength * (self.facets.bounces(&near.facets, &far.facets, raised.z) * under);
         let mut pdf = (probabilities.scattered * warp::cosine_hemisphere_pdf(wi.z)).only(above);
         let rough = self.facets.rough & lit;
