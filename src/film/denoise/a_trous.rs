@@ -3,7 +3,7 @@
 //! guided by the variance of the light (Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering").
 //!
 //! What is filtered is the light that surfaces reflect, divided by their colours: textures stay as they are. Each level
-//! takes means over 3×3 pixels that lie twice as far apart as those of the level before. A neighbour counts as far as
+//! takes means over 3×3 pixels, whose distance is twice that of the level before. A neighbour counts as far as
 //! it lies in the plane of the pixel's surface and has its normal; later levels also ask whether it is as bright within
 //! the noise that is left. The noise is that of the nearest pixels before, since a frame of one sample has no halves.
 //! Pixels that are far brighter than their neighbours are cut.
@@ -29,7 +29,7 @@ const NEAR: usize = 3;
 pub const FILTER_REACH: u32 = (2 * MARGIN - 1 + 2 * NEAR) as u32;
 
 /// Light that is this many times brighter than the mean around it is cut.
-const BRIGHTEST: f32 = 4.0;
+const BRIGHTEST: f32 = 6.0;
 /// The first level that compares light: single samples differ too much.
 const COMPARING: usize = 2;
 /// Standard deviations by which light may differ.
@@ -125,7 +125,7 @@ pub struct GuideSums {
     pub emission: usize,
 }
 
-/// What a pixel gives to the filter.
+/// A pixel as its film has it.
 struct Guided {
     normal: Vec3,
     position: Vec3,
@@ -247,7 +247,7 @@ impl GuidedPicture {
     }
 }
 
-/// What a film's sums say of a pixel; `None` if nothing is hit, or nothing that has a normal.
+/// A pixel by its film's sums; `None` if nothing is hit, or nothing that has a normal.
 fn guided(film: &Film, pixel: usize, sums: GuideSums) -> Option<Guided> {
     let hits = film.hits(pixel);
     if hits == 0 {
