@@ -46,7 +46,7 @@ impl TimedScene {
         Self { last: Arc::default(), ..self.clone() }
     }
 
-    /// The animations, the first of which is shown where none is named.
+    /// The animations. Where none is named, the first one is shown.
     pub fn animations(&self) -> &[AnimationSpan] {
         &self.rendering.prepared().scene.animations
     }

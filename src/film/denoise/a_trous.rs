@@ -3,7 +3,7 @@
 //! guided by the variance of the light (Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering").
 //!
 //! What is filtered is the light that surfaces reflect, divided by their colours: textures stay as they are. Each level
-//! takes means over 3×3 pixels that lie twice as far apart as those of the level before. A neighbour counts as far as
+//! takes means over 3×3 pixels, whose distance is twice that of the level before. A neighbour counts as far as
 //! it lies in the plane of the pixel's surface and has its normal; later levels also ask whether it is as bright within
 //! the noise that is left. The noise is that of the nearest pixels before, since a frame of one sample has no halves.
 //! Pixels that are far brighter than their neighbours are cut.
@@ -18,6 +18,7 @@ use super::planes::{Plane, all_blurred, in_parallel};
 use crate::film::{Film, Image, Region};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, Vector};
 use glam::Vec3;
+use std::cell::Cell;
 
 /// Number of levels.
 const LEVELS: usize = 4;
@@ -29,7 +30,7 @@ const NEAR: usize = 3;
 pub const FILTER_REACH: u32 = (2 * MARGIN - 1 + 2 * NEAR) as u32;
 
 /// Light that is this many times brighter than the mean around it is cut.
-const BRIGHTEST: f32 = 4.0;
+const BRIGHTEST: f32 = 6.0;
 /// The first level that compares light: single samples differ too much.
 const COMPARING: usize = 2;
 /// Standard deviations by which light may differ.
@@ -55,8 +56,13 @@ const SIGNALS: usize = 5;
 const LUMINANCE: usize = 3;
 const VARIANCE: usize = 4;
 
+thread_local! {
+    /// Memory of the last frame's rows, which the next one uses: the system takes milliseconds for such memory.
+    static SPARE: Cell<Vec<Vec<f32>>> = const { Cell::new(Vec::new()) };
+}
+
 /// Numbers of pixels with margins of zeros, row by row; a row has one column after the other.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Rows {
     columns: usize,
     stride: usize,
@@ -66,7 +72,12 @@ struct Rows {
 impl Rows {
     fn new(columns: usize, width: usize, height: usize) -> Self {
         let stride = 2 * MARGIN + width.next_multiple_of(MAX_LANES) + MAX_LANES;
-        Self { columns, stride, numbers: vec![0.0; columns * stride * (height + 2 * MARGIN)] }
+        let mut spare = SPARE.take();
+        let mut numbers = spare.pop().unwrap_or_default();
+        SPARE.set(spare);
+        numbers.clear();
+        numbers.resize(columns * stride * (height + 2 * MARGIN), 0.0);
+        Self { columns, stride, numbers }
     }
 
     /// A column of a row, which counts from the margin.
@@ -92,8 +103,18 @@ impl Rows {
     }
 }
 
+impl Drop for Rows {
+    fn drop(&mut self) {
+        let mut spare = SPARE.take();
+        if spare.len() < 3 {
+            spare.push(std::mem::take(&mut self.numbers));
+        }
+        SPARE.set(spare);
+    }
+}
+
 /// A picture of few samples, and what its camera rays hit.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct GuidedPicture {
     width: usize,
     height: usize,
@@ -125,7 +146,7 @@ pub struct GuideSums {
     pub emission: usize,
 }
 
-/// What a pixel gives to the filter.
+/// A pixel as its film has it.
 struct Guided {
     normal: Vec3,
     position: Vec3,
@@ -149,6 +170,8 @@ impl GuidedPicture {
         };
         let stride = own.guides.stride;
         let surfaces = own.surfaces.chunks_mut(BAND * width);
+        let scales =
+            [sums.normal, sums.position, sums.colour, sums.emission].map(|first| film.layer_scale(first));
         let bands = own.guides.bands(height).zip(own.signal.bands(height)).zip(surfaces).enumerate();
         in_parallel(threads, bands.collect(), |(band, ((guides, signal), surfaces))| {
             for (i, surface) in surfaces.iter_mut().enumerate() {
@@ -156,7 +179,8 @@ impl GuidedPicture {
                 let y = region.y as usize + band * BAND + row;
                 let pixel = y * film.width() as usize + region.x as usize + x;
                 let radiance = Vec3::from_array(film.mean_of(pixel));
-                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums) else {
+                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums, &scales)
+                else {
                     surface[1] = radiance.to_array();
                     continue;
                 };
@@ -164,13 +188,15 @@ impl GuidedPicture {
                 let light = (radiance - emission).max(Vec3::ZERO) / colour;
                 *surface = [colour.to_array(), emission.to_array()];
                 let width_there = viewpoint.cone[0] + viewpoint.cone[1] * position.distance(viewpoint.eye);
-                let numbers = normal.to_array().into_iter().chain(position.to_array());
-                let numbers = numbers.chain([1.0 / (width_there + TINY)]);
-                for (column, number) in numbers.enumerate() {
-                    guides[(row * GUIDES + column) * stride + MARGIN + x] = number;
+                let (n, p, by_width) = (normal, position, 1.0 / (width_there + TINY));
+                let to = &mut guides[row * GUIDES * stride + MARGIN + x..];
+                for (column, number) in [n.x, n.y, n.z, p.x, p.y, p.z, by_width].into_iter().enumerate() {
+                    to[column * stride] = number;
                 }
-                for (column, number) in light.to_array().into_iter().chain([luminance(light)]).enumerate() {
-                    signal[(row * SIGNALS + column) * stride + MARGIN + x] = number;
+                let to = &mut signal[row * SIGNALS * stride + MARGIN + x..];
+                for (column, number) in [light.x, light.y, light.z, luminance(light)].into_iter().enumerate()
+                {
+                    to[column * stride] = number;
                 }
             }
         });
@@ -247,24 +273,25 @@ impl GuidedPicture {
     }
 }
 
-/// What a film's sums say of a pixel; `None` if nothing is hit, or nothing that has a normal.
-fn guided(film: &Film, pixel: usize, sums: GuideSums) -> Option<Guided> {
+/// A pixel by its film's sums; `None` if nothing is hit, or nothing that has a normal.
+#[inline]
+fn guided(film: &Film, pixel: usize, sums: GuideSums, scales: &[[f64; 3]; 4]) -> Option<Guided> {
     let hits = film.hits(pixel);
     if hits == 0 {
         return None;
     }
-    let mean = |first: usize, count: u32| {
-        let mean = |channel: usize| (film.layer_sum(pixel, first + channel) / f64::from(count)) as f32;
-        Vec3::new(mean(0), mean(1), mean(2))
+    let mean = |first: usize, [a, b, c]: [f64; 3], share: f64| {
+        Vec3::from_array(film.layer_sums(pixel, first, [a * share, b * share, c * share]))
     };
-    let normal = mean(sums.normal, hits);
+    let of_hits = 1.0 / f64::from(hits);
+    let normal = mean(sums.normal, scales[0], of_hits);
     let length = normal.length();
-    let samples = film.samples_of(pixel).max(1);
+    let of_samples = 1.0 / f64::from(film.samples_of(pixel).max(1));
     (length > 0.25).then(|| Guided {
         normal: normal / length,
-        position: mean(sums.position, hits),
-        colour: mean(sums.colour, samples),
-        emission: mean(sums.emission, samples),
+        position: mean(sums.position, scales[1], of_hits),
+        colour: mean(sums.colour, scales[2], of_samples),
+        emission: mean(sums.emission, scales[3], of_samples),
     })
 }
 
