@@ -316,6 +316,23 @@ impl Film {
         sum as f64 * power_of_two(-plan.sums[entry])
     }
 
+    /// Three sums of a pixel from an entry of [`LayerPlan::sums`] on, times numbers that contain the powers of two of
+    /// [`Film::layer_scale`].
+    #[inline]
+    pub(super) fn layer_sums(&self, pixel: usize, entry: usize, scale: [f64; 3]) -> [f32; 3] {
+        let LayerSums { plan, sums, .. } = self.held();
+        let sums = &sums[pixel * plan.sums.len() + entry..][..3];
+        // No `map`, which is no inlined loop.
+        let sum = |channel: usize| (sums[channel].load(Relaxed) as f64 * scale[channel]) as f32;
+        [sum(0), sum(1), sum(2)]
+    }
+
+    /// The factors of three sums from an entry of [`LayerPlan::sums`] on.
+    pub(super) fn layer_scale(&self, entry: usize) -> [f64; 3] {
+        let bits = &self.held().plan.sums[entry..][..3];
+        [power_of_two(-bits[0]), power_of_two(-bits[1]), power_of_two(-bits[2])]
+    }
+
     /// The counts of an entry of [`LayerPlan::coverage`]: the start of each pixel's ids, and ids with their samples.
     pub fn coverage(&self, table: usize) -> (Vec<u32>, Vec<(u32, u32)>) {
         self.held().coverage[table].resolve(self.pixels())

@@ -18,6 +18,7 @@ use super::planes::{Plane, all_blurred, in_parallel};
 use crate::film::{Film, Image, Region};
 use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, Vector};
 use glam::Vec3;
+use std::cell::Cell;
 
 /// Number of levels.
 const LEVELS: usize = 4;
@@ -55,8 +56,13 @@ const SIGNALS: usize = 5;
 const LUMINANCE: usize = 3;
 const VARIANCE: usize = 4;
 
+thread_local! {
+    /// Memory of the last frame's rows, which the next one uses: the system takes milliseconds for such memory.
+    static SPARE: Cell<Vec<Vec<f32>>> = const { Cell::new(Vec::new()) };
+}
+
 /// Numbers of pixels with margins of zeros, row by row; a row has one column after the other.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Rows {
     columns: usize,
     stride: usize,
@@ -66,7 +72,12 @@ struct Rows {
 impl Rows {
     fn new(columns: usize, width: usize, height: usize) -> Self {
         let stride = 2 * MARGIN + width.next_multiple_of(MAX_LANES) + MAX_LANES;
-        Self { columns, stride, numbers: vec![0.0; columns * stride * (height + 2 * MARGIN)] }
+        let mut spare = SPARE.take();
+        let mut numbers = spare.pop().unwrap_or_default();
+        SPARE.set(spare);
+        numbers.clear();
+        numbers.resize(columns * stride * (height + 2 * MARGIN), 0.0);
+        Self { columns, stride, numbers }
     }
 
     /// A column of a row, which counts from the margin.
@@ -81,19 +92,32 @@ impl Rows {
         self.numbers[MARGIN * row..][..height * row].chunks_mut(BAND * row)
     }
 
-    /// The mean of a vector's columns, for pixels in lanes.
-    #[inline(always)]
-    fn vector<L: Lanes>(&self, l: L, row: usize, first: usize, at: usize) -> Vector<L> {
-        Vector::new(
-            Num::load(l, &self.row(row, first)[at..]),
-            Num::load(l, &self.row(row, first + 1)[at..]),
-            Num::load(l, &self.row(row, first + 2)[at..]),
-        )
+    /// All columns of a row, which counts from the margin.
+    fn whole(&self, row: usize) -> &[f32] {
+        let length = self.columns * self.stride;
+        &self.numbers[row * length..][..length]
+    }
+}
+
+/// The vectors whose numbers begin a slice, for pixels in lanes.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn vector<L: Lanes>(l: L, from: &[f32], stride: usize) -> Vector<L> {
+    let [x, y, z] = [&from[..stride], &from[stride..2 * stride], &from[2 * stride..]];
+    Vector::new(Num::load(l, x), Num::load(l, y), Num::load(l, z))
+}
+
+impl Drop for Rows {
+    fn drop(&mut self) {
+        let mut spare = SPARE.take();
+        if spare.len() < 3 {
+            spare.push(std::mem::take(&mut self.numbers));
+        }
+        SPARE.set(spare);
     }
 }
 
 /// A picture of few samples, and what its camera rays hit.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct GuidedPicture {
     width: usize,
     height: usize,
@@ -149,6 +173,8 @@ impl GuidedPicture {
         };
         let stride = own.guides.stride;
         let surfaces = own.surfaces.chunks_mut(BAND * width);
+        let scales =
+            [sums.normal, sums.position, sums.colour, sums.emission].map(|first| film.layer_scale(first));
         let bands = own.guides.bands(height).zip(own.signal.bands(height)).zip(surfaces).enumerate();
         in_parallel(threads, bands.collect(), |(band, ((guides, signal), surfaces))| {
             for (i, surface) in surfaces.iter_mut().enumerate() {
@@ -156,7 +182,8 @@ impl GuidedPicture {
                 let y = region.y as usize + band * BAND + row;
                 let pixel = y * film.width() as usize + region.x as usize + x;
                 let radiance = Vec3::from_array(film.mean_of(pixel));
-                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums) else {
+                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums, &scales)
+                else {
                     surface[1] = radiance.to_array();
                     continue;
                 };
@@ -164,13 +191,15 @@ impl GuidedPicture {
                 let light = (radiance - emission).max(Vec3::ZERO) / colour;
                 *surface = [colour.to_array(), emission.to_array()];
                 let width_there = viewpoint.cone[0] + viewpoint.cone[1] * position.distance(viewpoint.eye);
-                let numbers = normal.to_array().into_iter().chain(position.to_array());
-                let numbers = numbers.chain([1.0 / (width_there + TINY)]);
-                for (column, number) in numbers.enumerate() {
-                    guides[(row * GUIDES + column) * stride + MARGIN + x] = number;
+                let (n, p, by_width) = (normal, position, 1.0 / (width_there + TINY));
+                let to = &mut guides[row * GUIDES * stride + MARGIN + x..];
+                for (column, number) in [n.x, n.y, n.z, p.x, p.y, p.z, by_width].into_iter().enumerate() {
+                    to[column * stride] = number;
                 }
-                for (column, number) in light.to_array().into_iter().chain([luminance(light)]).enumerate() {
-                    signal[(row * SIGNALS + column) * stride + MARGIN + x] = number;
+                let to = &mut signal[row * SIGNALS * stride + MARGIN + x..];
+                for (column, number) in [light.x, light.y, light.z, luminance(light)].into_iter().enumerate()
+                {
+                    to[column * stride] = number;
                 }
             }
         });
@@ -209,7 +238,9 @@ impl GuidedPicture {
         let (width, height) = (self.width, self.height);
         let plane = |rows: &Rows, column: usize, number: fn(f32) -> f32| -> Plane {
             let row = |y: usize| &rows.row(MARGIN + y, column)[MARGIN..][..width];
-            (0..height).flat_map(|y| row(y).iter().map(|&n| number(n))).collect()
+            let mut plane = Plane::with_capacity(width * height);
+            (0..height).for_each(|y| plane.extend(row(y).iter().map(|&n| number(n))));
+            plane
         };
         let is_there = plane(&self.guides, GUIDES - 1, |inverse| f32::from(u8::from(inverse > 0.0)));
         let light = plane(&self.signal, LUMINANCE, |luminance| luminance);
@@ -248,23 +279,24 @@ impl GuidedPicture {
 }
 
 /// A pixel by its film's sums; `None` if nothing is hit, or nothing that has a normal.
-fn guided(film: &Film, pixel: usize, sums: GuideSums) -> Option<Guided> {
+#[inline]
+fn guided(film: &Film, pixel: usize, sums: GuideSums, scales: &[[f64; 3]; 4]) -> Option<Guided> {
     let hits = film.hits(pixel);
     if hits == 0 {
         return None;
     }
-    let mean = |first: usize, count: u32| {
-        let mean = |channel: usize| (film.layer_sum(pixel, first + channel) / f64::from(count)) as f32;
-        Vec3::new(mean(0), mean(1), mean(2))
+    let mean = |first: usize, [a, b, c]: [f64; 3], share: f64| {
+        Vec3::from_array(film.layer_sums(pixel, first, [a * share, b * share, c * share]))
     };
-    let normal = mean(sums.normal, hits);
+    let of_hits = 1.0 / f64::from(hits);
+    let normal = mean(sums.normal, scales[0], of_hits);
     let length = normal.length();
-    let samples = film.samples_of(pixel).max(1);
+    let of_samples = 1.0 / f64::from(film.samples_of(pixel).max(1));
     (length > 0.25).then(|| Guided {
         normal: normal / length,
-        position: mean(sums.position, hits),
-        colour: mean(sums.colour, samples),
-        emission: mean(sums.emission, samples),
+        position: mean(sums.position, scales[1], of_hits),
+        colour: mean(sums.colour, scales[2], of_samples),
+        emission: mean(sums.emission, scales[3], of_samples),
     })
 }
 
@@ -291,11 +323,19 @@ impl LaneTask for Level<'_> {
     fn run<L: Lanes>(self, l: L) {
         let Self { guides, from, to, width, top, level } = self;
         let stride = from.stride;
+        let step = 1 << level;
         for (row, to) in to.chunks_exact_mut(SIGNALS * stride).enumerate() {
+            let y = top + row;
+            let near = [y - step, y, y + step];
+            let near = Near {
+                guides: near.map(|y| guides.whole(y)),
+                from: near.map(|y| from.whole(y)),
+                stride,
+                level,
+            };
             for x in (0..width).step_by(L::LANES) {
-                let (y, at) = (top + row, MARGIN + x);
-                let pixels = Pixels { guides, from, level, y, at };
-                let signal = pixels.mean(l);
+                let at = MARGIN + x;
+                let signal = near.mean(l, at);
                 for column in 0..SIGNALS {
                     signal[column].store(&mut to[column * stride + at..]);
                 }
@@ -304,53 +344,52 @@ impl LaneTask for Level<'_> {
     }
 }
 
-/// Pixels in lanes, and their neighbours.
-#[derive(Clone, Copy)]
-struct Pixels<'a> {
-    guides: &'a Rows,
-    from: &'a Rows,
+/// A row and the rows of its neighbours above and below.
+struct Near<'a> {
+    guides: [&'a [f32]; 3],
+    from: [&'a [f32]; 3],
+    stride: usize,
     level: usize,
-    y: usize,
-    at: usize,
 }
 
-impl Pixels<'_> {
-    /// The mean of each pixel and those of its neighbours that are like it: a signal's columns.
+impl Near<'_> {
+    /// The mean of each pixel in lanes and those of its neighbours that are like it: a signal's columns.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn mean<L: Lanes>(self, l: L) -> [Num<L>; SIGNALS] {
-        let Self { guides, from, level, y, at } = self;
+    fn mean<L: Lanes>(&self, l: L, at: usize) -> [Num<L>; SIGNALS] {
+        let &Self { guides, from, stride, level } = self;
         // Distance of neighbours in pixels.
         let step = 1 << level;
-        let normal = guides.vector(l, y, 0, at);
-        let position = guides.vector(l, y, 3, at);
-        let by_width = Num::load(l, &guides.row(y, GUIDES - 1)[at..]) * (FROM_PLANE / step as f32);
-        let own = from.vector(l, y, 0, at);
-        let luminance = Num::load(l, &from.row(y, LUMINANCE)[at..]);
-        let own_variance = Num::load(l, &from.row(y, VARIANCE)[at..]);
+        let normal = vector(l, &guides[1][at..], stride);
+        let position = vector(l, &guides[1][3 * stride + at..], stride);
+        let by_width = Num::load(l, &guides[1][(GUIDES - 1) * stride + at..]) * (FROM_PLANE / step as f32);
+        let own = vector(l, &from[1][at..], stride);
+        let luminance = Num::load(l, &from[1][LUMINANCE * stride + at..]);
+        let own_variance = Num::load(l, &from[1][VARIANCE * stride + at..]);
         let by_deviation = 1.0 / (own_variance.sqrt() * DEVIATIONS + TINY);
         let (mut light, mut variance, mut weights) = (own, own_variance, Num::splat(l, 1.0));
         for down in 0..3 {
-            let row = y + down * step - step;
+            let (guides, from) = (guides[down], from[down]);
             for right in 0..3 {
                 if (down, right) == (1, 1) {
                     continue;
                 }
                 let place = at + right * step - step;
                 let share = if down == 1 || right == 1 { 0.5 } else { 0.25 };
-                let mut like = normal.dot(guides.vector(l, row, 0, place)).max(Num::zero(l));
+                let mut like = normal.dot(vector(l, &guides[place..], stride)).max(Num::zero(l));
                 for _ in 0..SQUARINGS {
                     like = like * like;
                 }
-                let apart = normal.dot(guides.vector(l, row, 3, place) - position) * by_width;
+                let apart =
+                    normal.dot(vector(l, &guides[3 * stride + place..], stride) - position) * by_width;
                 let near = (1.0 - apart * apart).max(Num::zero(l));
                 let mut weight = like * (near * near) * share;
                 if level >= COMPARING {
-                    let brightness = Num::load(l, &from.row(row, LUMINANCE)[place..]);
+                    let brightness = Num::load(l, &from[LUMINANCE * stride + place..]);
                     let bright = (1.0 - (brightness - luminance).abs() * by_deviation).max(Num::zero(l));
                     weight = weight * (bright * bright);
                 }
-                light += from.vector(l, row, 0, place) * weight;
-                variance += Num::load(l, &from.row(row, VARIANCE)[place..]) * (weight * weight);
+                light += vector(l, &from[place..], stride) * weight;
+                variance += Num::load(l, &from[VARIANCE * stride + place..]) * (weight * weight);
                 weights += weight;
             }
         }

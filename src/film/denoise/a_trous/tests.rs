@@ -28,7 +28,7 @@ fn light(x: u32) -> f32 {
     if x < CORNER { 0.25 } else { 4.0 }
 }
 
-/// What a pixel emits: a lamp in the middle of the dark wall.
+/// Radiance that a pixel emits: a lamp in the middle of the dark wall.
 fn emitted(x: u32, y: u32) -> f32 {
     if (18..24).contains(&x) && (30..36).contains(&y) { 20.0 } else { 0.0 }
 }
@@ -43,7 +43,7 @@ fn random(key: u32) -> f32 {
     mix(key) as f32 / u32::MAX as f32
 }
 
-/// A film of one sample a pixel, a third of which find light.
+/// A film of one sample a pixel. A third of them find light.
 fn film(has_noise: bool) -> Film {
     let plan = LayerPlan { sums: vec![BITS; 12], hits: true, samples: 1, ..LayerPlan::default() };
     let film = Film::new(WIDTH, HEIGHT, 4).and_then(|film| Ok(film.with_layers(plan)?)).expect("memory");
@@ -98,7 +98,7 @@ fn noise_is_removed_and_edges_and_textures_stay() {
     for x in CORNER - 4..CORNER + 4 {
         let rows = (SKY + 4..HEIGHT - 4).map(|y| image.pixels[(y * WIDTH + x) as usize][0]);
         let mean = rows.sum::<f32>() / (HEIGHT - SKY - 8) as f32;
-        assert!((mean / exact(x, HEIGHT - 1) - 1.0).abs() < 0.15, "column {x}: {mean}");
+        assert!((mean / exact(x, HEIGHT - 1) - 1.0).abs() < 0.2, "column {x}: {mean}");
     }
     let sky = (SKY * WIDTH) as usize;
     assert_eq!(image.pixels[..sky], film.image().pixels[..sky], "the sky has no noise");
@@ -117,13 +117,15 @@ fn a_picture_without_noise_stays() {
 #[test]
 fn no_bit_depends_on_lanes_or_threads() {
     let (film, region) = (film(true), Region::whole(WIDTH, HEIGHT));
-    let first = filtered(&film, region, SimdLevel::Scalar, 1).hash();
+    let first = filtered(&film, region, SimdLevel::detect(), 1).hash();
     for simd in SimdLevel::available() {
         for threads in [1, 2, 7] {
             let hash = filtered(&film, region, simd, threads).hash();
             assert_eq!(hash, first, "{} on {threads} threads", simd.name());
         }
     }
+    // The bits of every machine.
+    assert_eq!(first, "69720ee2b8bc0eb1");
 }
 
 #[test]

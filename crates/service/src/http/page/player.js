@@ -15,8 +15,10 @@ export class Player {
     this.seconds = null;
     this.isPlaying = false;
     $("time").oninput = () => {
+      // A pause draws the slider where the time was.
+      const seconds = Number($("time").value);
       this.pause();
-      this.show(Number($("time").value));
+      this.show(seconds);
     };
     $("play").onclick = () => this.toggle();
     $("animation").oninput = () => this.show(this.span.first);
