@@ -134,8 +134,8 @@ impl PreparedScene {
     /// stays as it is.
     ///
     /// In a scene whose triangles have only moved, the tree is moved, too: instances are placed anew, other triangles
-    /// refitted ([`Bvh::refit`]), or built anew where [`Bvh::cost`] or [`Bvh::looseness`] has grown by half. The tree is built anew if
-    /// the scene has other triangles or shapes, or if materials become opaque or cease to be
+    /// refitted ([`Bvh::refit`]), or built anew where [`Bvh::cost`] or [`Bvh::looseness`] has grown by half. The tree
+    /// is built anew if the scene has other triangles or shapes, or if materials become opaque or cease to be
     /// ([`crate::scene::AlphaMode`]). The pictures are the same in any case.
     ///
     /// # Errors

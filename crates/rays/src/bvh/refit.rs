@@ -36,9 +36,9 @@ impl Bvh {
     /// [`Bvh::build`].
     ///
     /// Much cheaper than building, and the tree traces as well as long as triangles keep their neighbours.
-    /// When [`Bvh::cost`] or [`Bvh::looseness`] has grown by half, build a new tree. If triangles that shared a corner move it to
-    /// different points, all leaf blocks are packed again: that takes three times as long and holds the
-    /// blocks in memory twice. Runs on the current rayon pool.
+    /// When [`Bvh::cost`] or [`Bvh::looseness`] has grown by half, build a new tree. If triangles that shared a
+    /// corner move it to different points, all leaf blocks are packed again: that takes three times as long and
+    /// holds the blocks in memory twice. Runs on the current rayon pool.
     ///
     /// # Errors
     /// If the arguments do not fit, as [`Bvh::accepts`] says; the tree is then unchanged.
