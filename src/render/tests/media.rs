@@ -132,13 +132,13 @@ fn chandrasekhar(albedo: f64) -> Vec<(f64, f64)> {
 
 /// The middle of a face of a cube of 400 mean free paths, seen along the normal.
 fn half_space(material: impl FnOnce(f32) -> Material) -> f32 {
-    let settings = Settings { spp: 1024, width: 8, height: 8, ..SETTINGS };
+    let settings = Settings { spp: 4096, width: 8, height: 8, ..SETTINGS };
     mean(&cube(1.0, material(200.0)), settings, 1.0).x
 }
 
 #[test]
 fn a_half_space_reflects_what_chandrasekhar_computes() {
-    for albedo in [0.5f32, 0.8, 0.95] {
+    for albedo in [0.7f32, 0.95] {
         let h = chandrasekhar(f64::from(albedo));
         let root = (1.0 - f64::from(albedo)).sqrt();
         let moment = h.iter().map(|(x, h)| x * h).sum::<f64>() / h.len() as f64;
