@@ -69,8 +69,11 @@ impl Scene {
 
 type Texels = Arc<[[u8; 4]]>;
 
+/// Texels with those of their mipmap levels.
+type Mipmapped = (Texels, Mipmap);
+
 /// Mipmap levels that have been computed, by the address of the image, its colour space and the average. Textures that
 /// differ only in addressing share texels. The map keeps the images alive, so that no other image is allocated at the
 /// address of a freed one.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Mipmaps(HashMap<(usize, ColourSpace, Averaging), (Texels, (Texels, Mipmap))>);
+pub(super) struct Mipmaps(HashMap<(usize, ColourSpace, Averaging), (Texels, Mipmapped)>);

@@ -386,7 +386,7 @@ impl Near<'_> {
                 if level >= COMPARING {
                     let brightness = Num::load(l, &from[LUMINANCE * stride + place..]);
                     let bright = (1.0 - (brightness - luminance).abs() * by_deviation).max(Num::zero(l));
-                    weight = weight * (bright * bright);
+                    weight *= bright * bright;
                 }
                 light += vector(l, &from[place..], stride) * weight;
                 variance += Num::load(l, &from[VARIANCE * stride + place..]) * (weight * weight);

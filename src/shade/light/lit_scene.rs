@@ -48,8 +48,13 @@ impl LitScene {
 impl Lights {
     /// The lights of `new`, which reuse those of `old` that are equal. These are the lights of `old`.
     fn with_scene(&self, old: &Scene, new: &Scene) -> Self {
+        let environment = if are_equal(&old.environment, &new.environment) {
+            Arc::clone(&self.environment)
+        } else {
+            Arc::new(EnvironmentLight::new(&new.environment))
+        };
         if !new.shares_geometry(old) {
-            return self.sampled_alike(Self::new(new));
+            return self.sampled_alike(Self::under(new, environment));
         }
         let (emitters, emitter_bounds) = if have_equal_emission(old, new) {
             // Surfaces of user code may bound emission of their own.
@@ -67,11 +72,6 @@ impl Lights {
             Arc::clone(&self.punctual)
         } else {
             Arc::new(Punctual::new(&new.lights, self.bounds.radius()))
-        };
-        let environment = if are_equal(&old.environment, &new.environment) {
-            Arc::clone(&self.environment)
-        } else {
-            Arc::new(EnvironmentLight::new(&new.environment))
         };
         self.sampled_alike(Self::of_parts(new, self.bounds, emitters, punctual, environment, emitter_bounds))
     }

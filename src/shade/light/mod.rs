@@ -83,10 +83,14 @@ pub struct LightSample<L: Lanes> {
 impl Lights {
     /// Prepares the lights of a scene.
     pub fn new(scene: &Scene) -> Self {
+        Self::under(scene, Arc::new(EnvironmentLight::new(&scene.environment)))
+    }
+
+    /// Prepares the lights of a scene beside its environment.
+    fn under(scene: &Scene, environment: Arc<EnvironmentLight>) -> Self {
         let bounds = scene.bounds();
         let emitters = Arc::new(Emitters::new(scene));
         let punctual = Arc::new(Punctual::new(&scene.lights, bounds.radius()));
-        let environment = Arc::new(EnvironmentLight::new(&scene.environment));
         let emitter_bounds = Arc::new(EmitterBounds::new(scene, &bounds));
         Self::of_parts(scene, bounds, emitters, punctual, environment, emitter_bounds)
     }
