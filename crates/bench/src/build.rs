@@ -97,7 +97,7 @@ pub fn run(
             units.push((name, Box::new(theirs)));
         }
         let has_all_cores = std::thread::available_parallelism().is_ok_and(|cores| cores.get() == threads);
-        for library in peers.tinybvh.filter(|_| has_all_cores) {
+        if let Some(library) = peers.tinybvh.filter(|_| has_all_cores) {
             for options in tinybvh::BuildOptions::ALL {
                 let theirs = move || {
                     let tree = library.build(positions, triangles, options)?;

@@ -86,7 +86,7 @@ impl<'a> PeersOfOpaque<'a> {
     pub fn new(prepared: &PreparedScene, peers: Peers<'a>) -> Result<Self, PeerError> {
         let mesh = &prepared.scene.mesh;
         let mut tinybvh = Vec::new();
-        for library in peers.tinybvh {
+        if let Some(library) = peers.tinybvh {
             for options in BuildOptions::ALL {
                 tinybvh.push(library.build(&mesh.positions, &mesh.triangles, options)?);
             }

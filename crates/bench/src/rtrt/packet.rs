@@ -44,7 +44,7 @@ impl Packet {
         let mut left: Vec<usize> = (0..rays.len()).collect();
         while let Some(&first) = left.first() {
             let (same, other): (Vec<_>, Vec<_>) = left.iter().partition(|&&lane| signs(lane) == signs(first));
-            groups.push(same.into_iter().fold(0, |group, lane| group | 1 << lane));
+            groups.push(same.into_iter().fold(0, |group, lane| group | 1_u32 << lane));
             left = other;
         }
         let near = lanes(&|ray| ray.t_min, f32::INFINITY);
@@ -113,12 +113,12 @@ impl KdTree {
         let mut far = Vec4::select(in_group, packet.far, Vec4::NEG_INFINITY);
         let first = group.trailing_zeros() as usize;
         let mut is_negative = [false; 3];
-        for axis in 0..3 {
+        for (axis, is_negative) in is_negative.iter_mut().enumerate() {
             let low = (Vec4::splat(self.bounds.min[axis]) - packet.origin[axis]) * packet.inverse[axis];
             let high = (Vec4::splat(self.bounds.max[axis]) - packet.origin[axis]) * packet.inverse[axis];
             near = near.max(low.min(high));
             far = far.min(low.max(high));
-            is_negative[axis] = packet.direction[axis][first].is_sign_negative();
+            *is_negative = packet.direction[axis][first].is_sign_negative();
         }
         let (mut depth, mut node, mut found, mut done) = (0, self.root, 0, !group & ALL);
         if near.cmpgt(far).bitmask() == ALL {
