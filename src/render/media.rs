@@ -1,9 +1,9 @@
 //! Paths inside of media that scatter light.
 //!
 //! A ray inside of a body knows its medium when it hits the body's surface from inside. A random number then decides
-//! whether light was scattered on the way. If so, the path goes on from there as if it had not met the surface. No light
-//! is sampled inside of a medium, because shadow rays do not pass the surface around it: light comes in by the paths
-//! that leave.
+//! whether light was scattered on the way. If so, the path goes on from there as if it had not met the surface. No
+//! light is sampled inside of a medium, because shadow rays do not pass the surface around it: light comes in by the
+//! paths that leave.
 //!
 //! Scatterings are no bounces. They splat nothing, so a film's bound on splats is the same with them.
 
@@ -20,8 +20,8 @@ use std::f32::consts::{FRAC_1_PI, LN_2};
 pub(super) const MOST_SCATTERINGS: u32 = 1 << 10;
 
 /// The bits of the density that scattered rays have, to which the number of scatterings since the last surface is
-/// added: no sampled density is as large, and those that count passed surfaces are larger. Light sampling could not have
-/// found what such a ray finds.
+/// added: no sampled density is as large, and those that count passed surfaces are larger. Light sampling could not
+/// have found what such a ray finds.
 const DENSITY: u32 = 0x7f00_0000;
 
 /// The first sampler dimension of scatterings. Depths begin below it.

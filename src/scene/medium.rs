@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 /// The greatest extinction of a medium that is made from distances and colours.
 const MOST_EXTINCTION: f32 = 1e30;
 
-/// A homogeneous medium. After a distance `t` the share exp(−(`absorption` + `scattering`) · t) of the light has not met
-/// it (Beer and Lambert). Of the rest it absorbs some and scatters the others, by the phase function of Henyey and
+/// A homogeneous medium. After a distance `t` the share exp(−(`absorption` + `scattering`) · t) of the light has not
+/// met it (Beer and Lambert). Of the rest it absorbs some and scatters the others, by the phase function of Henyey and
 /// Greenstein.
 ///
 /// A body's medium belongs to the material of its surface. A ray that meets the surface from inside has travelled
@@ -43,22 +43,22 @@ impl Medium {
         ((absorption + scattering).max_element() > 0.0).then_some(Self { absorption, scattering, anisotropy })
     }
 
-    /// The medium of mean free paths `radius`, a half-space of which reflects the shares `colour` of even light that
-    /// enters it by diffusion: OpenPBR's `subsurface_color` and radius. The albedo of a single scattering follows from
+    /// The medium of mean free paths `radius` whose half-space reflects the shares `colour` of even light that enters
+    /// it by diffusion: OpenPBR's `subsurface_color` and radius. The albedo of a single scattering follows from
     /// van de Hulst's approximation (Kulla and Conty 2017, *Revisiting Physically Based Shading at Imageworks*).
     pub fn reflecting(colour: Vec3, radius: Vec3, anisotropy: f32) -> Self {
         let extinction = radius.map(|radius| (1.0 / radius).min(MOST_EXTINCTION));
         Self::of_extinction(extinction, colour, anisotropy)
     }
 
-    /// The medium of an extinction, a half-space of which reflects the shares `colour`: see [`Medium::reflecting`].
+    /// The medium of an extinction whose half-space reflects the shares `colour`: see [`Medium::reflecting`].
     pub fn of_extinction(extinction: Vec3, colour: Vec3, anisotropy: f32) -> Self {
         let albedo = colour.map(|colour| single_albedo(colour, anisotropy));
         let scattering = extinction * albedo;
         Self { absorption: extinction - scattering, scattering, anisotropy }
     }
 
-    /// The mean of two media, of which `other` has the share `share`. A medium that is missing is empty space.
+    /// The mean of two media, where `other` has the share `share`. A medium that is missing is empty space.
     pub fn mean(one: Option<Self>, other: Option<Self>, share: f32) -> Option<Self> {
         let shares = [(one, 1.0 - share), (other, share)];
         let media = || shares.into_iter().filter_map(|(medium, share)| Some((medium?, share)));
@@ -85,7 +85,7 @@ fn extinction(colour: Vec3, distance: f32) -> Vec3 {
     colour.map(|c| -libm::logf(c.clamp(1e-13, 1.0)) / distance).min(Vec3::splat(MOST_EXTINCTION))
 }
 
-/// The share of light that a single scattering leaves, in a medium of which a half-space reflects the share `colour`.
+/// The share of light that a single scattering leaves, in a medium whose half-space reflects the share `colour`.
 fn single_albedo(colour: f32, anisotropy: f32) -> f32 {
     // The root of (1 − s) (1 − 0.139 s) = colour (1 + 1.17 s).
     let half = (1.139 + 1.17 * colour) / 0.278;

@@ -5,7 +5,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// The surface of OpenPBR 1.1 (Academy Software Foundation 2025, *OpenPBR Surface specification*). Fields have the
-/// specification's names, meanings and ranges. Colours are linear Rec. 709. What is inside of its body is the material's
+/// specification's names, meanings and ranges. Colours are linear Rec. 709. The inside of its body is the material's
 /// [`super::Medium`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpenPbr {
@@ -54,7 +54,7 @@ pub struct OpenPbr {
 pub struct OpenPbrSubsurface {
     /// `subsurface_weight`: share of the opaque dielectric base, 0..=1.
     pub weight: Scalar,
-    /// `subsurface_color`, 0..=1: what a thin wall scatters, and what renderers show that do not scatter light in media.
+    /// `subsurface_color`, 0..=1: what a thin wall scatters, and what renderers show that scatter no light in media.
     /// Otherwise the medium decides.
     pub color: Vec3,
     /// `subsurface_scatter_anisotropy`, −1..=1: which side a thin wall scatters light to.

@@ -1,6 +1,7 @@
 //! Media that scatter light, against a furnace, absorption, and Chandrasekhar's half-space.
 
 use super::harness::{self, render};
+use super::path::light_sampling_agrees;
 use super::scenes::*;
 use crate::film::Image;
 use crate::lanes::SimdLevel;
@@ -200,4 +201,15 @@ fn a_lamp_outside_lights_a_body_from_inside() {
     let lit = mean(&scene, Settings { spp: 256, ..SETTINGS }, 8.0).x;
     // A lamp whose shadow rays found nothing at the boundary from inside would leave the body black.
     assert!(lit > 0.005 && lit < 0.2, "{lit}");
+}
+
+#[test]
+fn light_sampling_finds_what_shines_through_paper() {
+    let mut scene = room();
+    let (weight, color) = (Scalar::constant(0.7), Vec3::new(0.9, 0.8, 0.5));
+    let subsurface = Some(OpenPbrSubsurface { weight, color, anisotropy: 0.3 });
+    let paper = OpenPbr { subsurface, thin_walled: true, ..OpenPbr::default() };
+    let paper = add_material(&mut scene, of(Surface::OpenPbr(paper)));
+    add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, paper);
+    light_sampling_agrees(&scene);
 }

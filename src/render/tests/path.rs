@@ -7,8 +7,8 @@ use crate::lanes::SimdLevel;
 use crate::render::{Integrator, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError};
 use crate::scene::{
     Alpha, AlphaMode, Averaging, CameraError, Channel, Colour, ColourSpace, DiffuseTransmission, Emission,
-    Environment, EnvironmentMap, Light, LightShape, Material, NormalMap, OpenPbr, OpenPbrSubsurface, Scalar,
-    Scene, Sheen, Surface, Texture, TextureRef,
+    Environment, EnvironmentMap, Light, LightShape, Material, NormalMap, Scalar, Scene, Sheen, Surface,
+    Texture, TextureRef,
 };
 use crate::schedule::Renderer;
 use crate::shade::bsdf::Smoothness;
@@ -242,17 +242,6 @@ fn light_sampling_finds_what_shines_through_leaves() {
         add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, leaf);
         light_sampling_agrees(&scene);
     }
-}
-
-#[test]
-fn light_sampling_finds_what_shines_through_paper() {
-    let mut scene = room();
-    let (weight, color) = (Scalar::constant(0.7), Vec3::new(0.9, 0.8, 0.5));
-    let subsurface = Some(OpenPbrSubsurface { weight, color, anisotropy: 0.3 });
-    let paper = OpenPbr { subsurface, thin_walled: true, ..OpenPbr::default() };
-    let paper = add_material(&mut scene, of(Surface::OpenPbr(paper)));
-    add_quad(&mut scene, Vec3::new(-1.0, 1.2, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, paper);
-    light_sampling_agrees(&scene);
 }
 
 pub fn light_sampling_agrees(scene: &Scene) {

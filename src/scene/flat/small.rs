@@ -103,13 +103,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
     let mut images: Vec<&'a Arc<[[u8; 4]]>> = Vec::new();
     let textures = textures.iter().map(|texture| small_texture(texture, &mut images)).collect();
     images.iter().for_each(|image| arrays.put(&image[..]));
-    let environment = match environment {
-        Environment::Constant(radiance) => SmallEnvironment::Constant(*radiance),
-        Environment::Map(EnvironmentMap { width, height, texels, rotation_degrees }) => {
-            arrays.put(&texels[..]);
-            SmallEnvironment::Map { size: [*width, *height], rotation_degrees: *rotation_degrees }
-        }
-    };
+    let environment = put_environment(environment, arrays);
     let small = Small {
         more_uvs: mesh.more_uvs.len() as u32,
         shapes: shapes.iter().map(small_shape).collect(),
@@ -134,6 +128,16 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
     };
     arrays.put_first(postcard::to_stdvec(&small).map_err(std::io::Error::other)?);
     Ok(())
+}
+
+fn put_environment<'a>(environment: &'a Environment, arrays: &mut Writer<'a>) -> SmallEnvironment {
+    match environment {
+        Environment::Constant(radiance) => SmallEnvironment::Constant(*radiance),
+        Environment::Map(EnvironmentMap { width, height, texels, rotation_degrees }) => {
+            arrays.put(&texels[..]);
+            SmallEnvironment::Map { size: [*width, *height], rotation_degrees: *rotation_degrees }
+        }
+    }
 }
 
 fn put_mesh<'a>(mesh: &'a TriangleMesh, arrays: &mut Writer<'a>) {

@@ -54,8 +54,8 @@ pub struct Smoothness {
     pub mirror_below: f32,
     /// A transmission with a lower roughness than this is clear, as is any whose facets are mirrors.
     pub clear_below: f32,
-    /// True for renderers that scatter light in media: for them light diffuses into bodies with a subsurface. Others see
-    /// the subsurface's colour as a diffuse reflection.
+    /// True for renderers that scatter light in media: for them light diffuses into bodies with a subsurface. Others
+    /// see the subsurface's colour as a diffuse reflection.
     pub enters_media: bool,
 }
 

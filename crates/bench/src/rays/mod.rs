@@ -1,5 +1,6 @@
 //! `raystream bench rays`: the CPU tracer at each SIMD level, the service and `query`, beside the scalar reference,
-//! obvhs, RTRT's own method ([`crate::rtrt`]) and Embree, and GPUs. All trace the same rays in one process, in interleaved rounds.
+//! obvhs, RTRT's own method ([`crate::rtrt`]), Embree and tinybvh, and GPUs. All trace the same rays in one process, in
+//! interleaved rounds.
 //!
 //! # Fairness
 //! - Each contender gets its rays in the order in which it is fastest: before the rounds it traces each kind of ray
@@ -74,8 +75,9 @@ pub struct Row {
     /// Millions of rays per second over the rounds.
     pub mray_per_s: Spread,
     /// Ratio of medians to each peer with as many threads: `embree` (its fastest mode), `embree_robust` (its fastest
-    /// robust mode), `tinybvh` (its fastest tree), `obvhs`, `rtrt`, `scalar`, and, where a GPU takes part, `cpu` (the CPU tracer's fastest level);
-    /// and `one_thread`, the ratio to the same contender with one thread, where that was measured.
+    /// robust mode), `tinybvh` (its fastest tree), `obvhs`, `rtrt`, `scalar`, and, where a GPU takes part, `cpu` (the
+    /// CPU tracer's fastest level); and `one_thread`, the ratio to the same contender with one thread, where that was
+    /// measured.
     pub ratio: BTreeMap<&'static str, f64>,
 }
 

@@ -99,15 +99,10 @@ impl KdTree {
         }
     }
 
-    /// Traces the rays of a packet whose directions have the same signs; returns those that hit something.
+    /// The segments of a group of rays in the bounds of the tree, empty ones for other rays, and the axes along which
+    /// the group's rays descend.
     #[inline(always)]
-    fn trace_group<const ANY: bool>(
-        &self,
-        packet: &Packet,
-        group: u32,
-        nearest: &mut Vec4,
-        scratch: &mut Scratch,
-    ) -> u32 {
+    fn clipped(&self, packet: &Packet, group: u32) -> (Vec4, Vec4, [bool; 3]) {
         let in_group = lanes(group);
         let mut near = Vec4::select(in_group, packet.near, Vec4::INFINITY);
         let mut far = Vec4::select(in_group, packet.far, Vec4::NEG_INFINITY);
@@ -120,6 +115,19 @@ impl KdTree {
             far = far.min(low.max(high));
             *is_negative = packet.direction[axis][first].is_sign_negative();
         }
+        (near, far, is_negative)
+    }
+
+    /// Traces the rays of a packet whose directions have the same signs; returns those that hit something.
+    #[inline(always)]
+    fn trace_group<const ANY: bool>(
+        &self,
+        packet: &Packet,
+        group: u32,
+        nearest: &mut Vec4,
+        scratch: &mut Scratch,
+    ) -> u32 {
+        let (mut near, mut far, is_negative) = self.clipped(packet, group);
         let (mut depth, mut node, mut found, mut done) = (0, self.root, 0, !group & ALL);
         if near.cmpgt(far).bitmask() == ALL {
             return 0;

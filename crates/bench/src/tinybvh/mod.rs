@@ -22,7 +22,7 @@ use std::time::Instant;
 #[derive(Debug, thiserror::Error)]
 pub enum TinyBvhError {
     /// The library cannot be loaded or lacks a function.
-    #[error("{path}: cannot use this as tinybvh, which scripts/build_tinybvh compiles: {source}", path = path.display())]
+    #[error("{path}: cannot use this as tinybvh of scripts/build_tinybvh: {source}", path = path.display())]
     Library {
         /// The file.
         path: PathBuf,

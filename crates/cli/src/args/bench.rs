@@ -16,16 +16,18 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
     /// Trace camera, bounce and shadow rays: the CPU tracer at each SIMD level, the service and `query`, beside the
-    /// scalar reference, obvhs, the method of RTRT and, if their libraries are given, Embree 4 and tinybvh. All trace the
-    /// same rays in interleaved rounds, each in the order in which it is fastest. Several scenes are summarised: geometric mean and least ratio.
+    /// scalar reference, obvhs, the method of RTRT and, if their libraries are given, Embree 4 and tinybvh. All trace
+    /// the same rays in interleaved rounds, each in the order in which it is fastest. Several scenes are summarised:
+    /// geometric mean and least ratio.
     Rays(BenchRaysArgs),
     /// Count what the rays of a scene visit in a GPU's walk, and in a plain walk of a binary tree, obvhs': nodes,
     /// triangles and bytes a ray, for camera rays and one bounce of each.
     Gpu(BenchGpuArgs),
-    /// Ask for the closest hits of few rays a call, in every way that `query` has, beside Embree 4's `rtcIntersect1` and
-    /// tinybvh if their libraries are given, in interleaved rounds.
+    /// Ask for the closest hits of few rays a call, in every way that `query` has, beside Embree 4's `rtcIntersect1`
+    /// and tinybvh if their libraries are given, in interleaved rounds.
     Small(BenchSmallArgs),
-    /// Build the tree, beside Embree 4's of each quality and tinybvh's if their libraries are given, in interleaved rounds.
+    /// Build the tree, beside Embree 4's of each quality and tinybvh's if their libraries are given, in interleaved
+    /// rounds.
     Build(BenchBuildArgs),
     /// Render the same frame as in Ray Accelerator's Table 1: a plain single-ray renderer; the scheduler ray by ray;
     /// with streams; with SIMD shading; with the GPU. Rounds are interleaved; all pictures must be the same.
@@ -109,8 +111,8 @@ pub struct LibraryArgs {
     /// rows are missing.
     #[arg(long, value_name = "FILE")]
     pub embree: Option<PathBuf>,
-    /// tinybvh as a shared library that scripts/build_tinybvh has compiled, which is loaded and run. Without it tinybvh's
-    /// rows are missing.
+    /// tinybvh as a shared library that scripts/build_tinybvh has compiled, which is loaded and run. Without it
+    /// tinybvh's rows are missing.
     #[arg(long, value_name = "FILE")]
     pub tinybvh: Option<PathBuf>,
 }

@@ -40,7 +40,7 @@ use interface::Interface;
 use metal::Metal;
 pub use outlined::{Construct, Evaluate, Mirroring, Sampling};
 use parameters::{CoatParameters, Parameters};
-use subsurface::Subsurface;
+use subsurface::{Parts, Subsurface};
 use through::Through;
 
 /// The greatest magnitude of a facet's amplitude at normal incidence.
@@ -145,6 +145,17 @@ fn facets<L: Lanes>(roughness: Num<L>, anisotropy: Option<Num<L>>, smooth_below:
     facets
 }
 
+/// The roughness of the base and its index of refraction, both as a coat changes them.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn below_coat<L: Lanes>(of: &Parameters<L>, ior: Num<L>) -> [Num<L>; 2] {
+    let roughness = of.specular_roughness.clamp(0.0, 1.0);
+    let Some(coat) = &of.coat else { return [roughness, ior] };
+    let coat = CoatParameters { ior: bounded(coat.ior), weight: coat.weight.clamp(0.0, 1.0), ..*coat };
+    let over = coat.roughness.clamp(0.0, 1.0).squared().squared();
+    let rougher = (roughness.squared().squared() + over * 2.0).clamp(0.0, 1.0).sqrt().sqrt();
+    [roughness.lerp(rougher, coat.weight), under_coat(ior, &coat)]
+}
+
 impl<L: Lanes> OpenPbr<L> {
     /// The BSDF of parameters. `wo` is outside of the body in the lanes of `outside`.
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -152,63 +163,35 @@ impl<L: Lanes> OpenPbr<L> {
         let l = of.base.lanes();
         let (one, white) = (Num::splat(l, 1.0), Vector::grey(Num::splat(l, 1.0)));
         let share = |x: Num<L>| x.clamp(0.0, 1.0);
-        let mut metalness = share(of.base_metalness);
-        let mut roughness = share(of.specular_roughness);
+        let metalness = share(of.base_metalness);
         let weight = of.specular_weight.clamp(0.0, f32::MAX);
         let ior = bounded(of.specular_ior);
-        let mut relative = ior;
-        if let Some(coat) = &of.coat {
-            let coat = CoatParameters { ior: bounded(coat.ior), weight: share(coat.weight), ..*coat };
-            let (own, over) = (roughness.squared().squared(), share(coat.roughness).squared().squared());
-            let rougher = (own + over * 2.0).clamp(0.0, 1.0).sqrt().sqrt();
-            roughness = roughness.lerp(rougher, coat.weight);
-            relative = under_coat(ior, &coat);
-        }
+        let [roughness, relative] = below_coat(of, ior);
         let facets = facets(roughness, of.specular_anisotropy, smoothness.mirror_below);
         let (eta, normal) = modulated(relative, weight);
         let film = film_of(of);
         let base = of.base.clamp(0.0, 1.0);
         let metal = Metal { f0: base, edge: of.specular_color.clamp(0.0, 1.0), weight: share(weight) };
         let (mut opaque, mut through, mut albedo) = (one - metalness, None, base);
+        let (bent, _) = modulated(ior, weight);
         if let Some(subsurface) = &of.subsurface {
             albedo = albedo.lerp(subsurface.color.clamp(0.0, 1.0), share(subsurface.weight));
         }
         if let Some((weight_of, tint)) = of.transmission {
             let weight_of = share(weight_of);
             let rough = facets.rougher_than(smoothness.clear_below);
-            let (bent, _) = modulated(ior, weight);
             let outside = (!of.thin_walled).then_some(outside);
             through = Some(Through::new(opaque * weight_of, tint.clamp(0.0, 1.0), bent, outside, rough));
             albedo = albedo.lerp(white, weight_of);
             opaque *= one - weight_of;
         }
-        let (mut subsurface, mut diffuse_share) = (None, opaque);
-        if let Some(of_subsurface) = &of.subsurface {
-            let color = of_subsurface.color.clamp(0.0, 1.0);
-            let weight_of = opaque * share(of_subsurface.weight);
-            diffuse_share -= weight_of;
-            subsurface = Some(if of.thin_walled {
-                Subsurface::thin(weight_of, color, of_subsurface.anisotropy)
-            } else if !smoothness.enters_media {
-                Subsurface::shown(weight_of, color)
-            } else {
-                // From inside one sees only what lets light through: light is not inside of anything else.
-                let mut open = weight_of;
-                if let Some(through) = &through {
-                    open += through.weight;
-                }
-                let leaving = !outside & open.above(0.0);
-                if let Some(through) = &mut through {
-                    through.weight = Num::select(leaving, through.weight / open, through.weight);
-                }
-                opaque = opaque.only(!leaving);
-                diffuse_share = diffuse_share.only(!leaving);
-                metalness = metalness.only(!leaving);
-                let weight_of = Num::select(leaving, weight_of / open, weight_of);
-                let (bent, _) = modulated(ior, weight);
-                Subsurface::entered(weight_of, bent, !outside)
-            });
-        }
+        let mut parts = Parts { metalness, opaque, diffuse: opaque, through };
+        let subsurface = match &of.subsurface {
+            Some(_) if of.thin_walled || !smoothness.enters_media => parts.shown(of),
+            Some(_) => parts.entered(of, bent, !outside),
+            None => None,
+        };
+        let Parts { metalness, opaque, diffuse, through } = parts;
         let coat = match of.coat {
             Some(coat) => {
                 let own = share(of.specular_roughness);
@@ -235,7 +218,7 @@ impl<L: Lanes> OpenPbr<L> {
             tint: of.specular_color.clamp(0.0, 1.0),
             diffuse: Eon { colour: base, roughness: share(of.base_diffuse_roughness) },
             opaque,
-            diffuse_share,
+            diffuse_share: diffuse,
             kept: [
                 if of.specular_anisotropy.is_some() { GIVEN_BACK_ALONG } else { GIVEN_BACK },
                 if is_along { DIFFUSE_ALONG } else { 1.0 },

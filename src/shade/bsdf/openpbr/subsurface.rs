@@ -2,11 +2,13 @@
 //!
 //! The specification leaves the boundary to implementations. Here the light that passes the facets goes on in all
 //! directions below, as it does from a Lambertian surface, and light from inside leaves the body wherever it meets the
-//! boundary. So a half-space shows the share of light that enters times its albedo under even light, of which van de
-//! Hulst has an approximation, and a white medium returns all light. Radiance changes with the index of refraction as
+//! boundary. So a half-space shows the share of light that enters times its albedo under even light, which van de Hulst
+//! has approximated, and a white medium returns all light. Radiance changes with the index of refraction as
 //! it does where light is refracted, so that the same body may be translucent, too.
 
 use super::OpenPbr;
+use super::parameters::Parameters;
+use super::through::Through;
 use super::view::{Facing, View};
 use crate::lanes::{Lanes, Mask, Num, Vector};
 use std::f32::consts::FRAC_1_PI;
@@ -81,6 +83,52 @@ impl<L: Lanes> Subsurface<L> {
     #[inline(always)]
     pub fn light(&self, near: &Facing<L>) -> [Vector<L>; 2] {
         [self.returns * near.passed * self.weight, self.crosses * self.towards(near) * self.weight]
+    }
+}
+
+/// The parts of a base, as shares of it.
+pub struct Parts<L: Lanes> {
+    pub metalness: Num<L>,
+    pub opaque: Num<L>,
+    /// What is left of the opaque part beside a subsurface.
+    pub diffuse: Num<L>,
+    pub through: Option<Through<L>>,
+}
+
+impl<L: Lanes> Parts<L> {
+    /// The subsurface of a thin wall, or of a body whose medium no light enters.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn shown(&mut self, of: &Parameters<L>) -> Option<Subsurface<L>> {
+        let Some(subsurface) = &of.subsurface else { return None };
+        let weight = self.opaque * subsurface.weight.clamp(0.0, 1.0);
+        self.diffuse -= weight;
+        let color = subsurface.color.clamp(0.0, 1.0);
+        if of.thin_walled {
+            return Some(Subsurface::thin(weight, color, subsurface.anisotropy));
+        }
+        Some(Subsurface::shown(weight, color))
+    }
+
+    /// The subsurface of a body whose medium light enters.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn entered(&mut self, of: &Parameters<L>, index: Num<L>, inside: Mask<L>) -> Option<Subsurface<L>> {
+        let Some(subsurface) = &of.subsurface else { return None };
+        let weight = self.opaque * subsurface.weight.clamp(0.0, 1.0);
+        self.diffuse -= weight;
+        // From inside one sees only what lets light through: light is not inside of anything else.
+        let mut open = weight;
+        if let Some(through) = &self.through {
+            open += through.weight;
+        }
+        let leaving = inside & open.above(0.0);
+        if let Some(through) = &mut self.through {
+            through.weight = Num::select(leaving, through.weight / open, through.weight);
+        }
+        self.opaque = self.opaque.only(!leaving);
+        self.diffuse = self.diffuse.only(!leaving);
+        self.metalness = self.metalness.only(!leaving);
+        let weight = Num::select(leaving, weight / open, weight);
+        Some(Subsurface::entered(weight, index, inside))
     }
 }
 

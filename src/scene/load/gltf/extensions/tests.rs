@@ -97,6 +97,13 @@ impl Document {
         load_with(&path, &if is_animated { options.with_time(0.0) } else { options })
     }
 
+    /// Lets light pass the material, below which there is a volume.
+    fn fill(&mut self, volume: Value) {
+        let transmission = json!({ "transmissionFactor": 1.0 });
+        self.extend("/materials/0", "KHR_materials_transmission", transmission);
+        self.extend("/materials/0", "KHR_materials_volume", volume);
+    }
+
     fn scene(&self) -> Scene {
         self.load().unwrap_or_else(|error| panic!("{error}"))
     }
@@ -132,12 +139,7 @@ fn example(name: &str) -> Document {
         "KHR_materials_fuzz" => material(json!({ "fuzzFactor": 0.5 })),
         "KHR_materials_diffuse_transmission" => material(json!({ "diffuseTransmissionFactor": 0.5 })),
         "KHR_materials_dispersion" => {
-            document.extend(
-                "/materials/0",
-                "KHR_materials_transmission",
-                json!({ "transmissionFactor": 1.0 }),
-            );
-            document.extend("/materials/0", "KHR_materials_volume", json!({ "thicknessFactor": 1.0 }));
+            document.fill(json!({ "thicknessFactor": 1.0 }));
             material(json!({ "dispersion": 0.36 }))
         }
         "KHR_materials_emissive_strength" => material(json!({ "emissiveStrength": 5.0 })),
@@ -145,14 +147,7 @@ fn example(name: &str) -> Document {
         "KHR_materials_iridescence" => material(json!({ "iridescenceFactor": 1.0 })),
         "KHR_materials_pbrSpecularGlossiness" => material(json!({ "glossinessFactor": 0.5 })),
         "KHR_materials_scatter" | "KHR_materials_volume_scatter" => {
-            document.extend(
-                "/materials/0",
-                "KHR_materials_transmission",
-                json!({ "transmissionFactor": 1.0 }),
-            );
-            document.extend(
-                "/materials/0",
-                "KHR_materials_volume",
+            document.fill(
                 json!({ "thicknessFactor": 1.0, "attenuationDistance": 0.5, "attenuationColor": [0.5, 0.5, 0.5] }),
             );
             material(json!({ "scatterStrengthFactor": 1.0, "multiscatterColor": [0.5, 0.5, 0.5] }))
