@@ -112,8 +112,8 @@ impl TileScene {
         Self { timed, ..self }
     }
 
-    /// The scene at the spec's time with its materials, and the rows of a frame that are asked for, which have a film of
-    /// their own.
+    /// The scene at the spec's time with its materials, and the rows of a frame that are asked for, which have their own
+    /// film.
     fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
         let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
         let spec = LiveSpec::of_tile(&ask.spec, &ask.shaders, &ready.spec)?;
