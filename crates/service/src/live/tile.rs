@@ -112,7 +112,7 @@ impl TileScene {
         Self { timed, ..self }
     }
 
-    /// The scene at the spec's time with its materials, and the rows of a frame that are asked for, which have their own
+    /// The scene at the spec's time with its materials, and the rows of a frame that are asked for, with their own
     /// film.
     fn rows(&self, ask: &TileAsk) -> Result<(PreparedScene, PathTracer), String> {
         let mut ready = self.ready.lock().unwrap_or_else(PoisonError::into_inner);
