@@ -326,6 +326,7 @@ def rays(rows, _):
         ("raystream", "embree_robust", "tracer, Embree's fastest robust mode"),
         ("raystream query", "embree", "`query`, Embree's fastest mode"),
         ("raystream service", "embree", "service, Embree's fastest mode"),
+        ("raystream", "tinybvh", "tracer, tinybvh's fastest tree"),
         ("raystream", "obvhs", "tracer, obvhs"),
         ("raystream", "rtrt", "tracer, RTRT's method"),
     ]:
