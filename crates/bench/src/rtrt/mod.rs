@@ -59,7 +59,7 @@ mod tests {
                 // It is not watertight.
                 let wrong = wrong.count();
                 assert!(
-                    rays.len() > 1000 && wrong * 1000 <= rays.len(),
+                    rays.len() > 500 && wrong * 1000 <= rays.len(),
                     "{source} {kind:?} {wrong} {}",
                     rays.len()
                 );

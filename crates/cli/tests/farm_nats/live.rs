@@ -160,8 +160,8 @@ fn workers_render_tiles_of_a_scene_at_its_time() {
     let scene = own.path().join("fall.gltf");
     // Where the viewer looks.
     let mut falling: Value = serde_json::from_str(&crate::specs::falling_triangle()).expect("JSON");
-    falling["nodes"][1] =
-        json!({ "children": [0], "scale": [150, 150, 150], "translation": [278, 273, 280] });
+    let placed = json!({ "children": [0], "scale": [150, 150, 150], "translation": [278, 273, 280] });
+    falling["nodes"].as_array_mut().expect("nodes").push(placed);
     falling["scenes"] = json!([{ "nodes": [1] }]);
     std::fs::write(&scene, falling.to_string()).expect("written");
     let service = view(&scene, data.path(), &["--nats", &nats.url(), "--lease", "1"]);

@@ -46,8 +46,11 @@ impl Converter<'_, '_> {
             return medium;
         }
         let Some(Scatter { color, anisotropy }) = self.scatter() else { return medium };
-        let strength = self.strength();
-        Medium::of_extinction(medium.absorption, color * strength, anisotropy)
+        let scattered = color * self.strength();
+        if scattered == Vec3::ZERO {
+            return medium;
+        }
+        Medium::of_extinction(medium.absorption, scattered, anisotropy)
     }
 
     /// Adds the share of the base into which light diffuses: the scattering of a thin wall, or the older draft's

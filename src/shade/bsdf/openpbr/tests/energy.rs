@@ -56,9 +56,15 @@ fn no_surface_returns_more_light_than_arrives() {
     for i in 0..surfaces {
         let numbers = random(i);
         for wo in directions(32) {
-            let [reflected, passed] = furnace(&numbers, wo, 1 << 13);
-            let light = (reflected + passed).max_element();
-            assert!(light < 1.005 && reflected.min_element() >= 0.0, "{light} from {wo}: {numbers:?}");
+            let light = |samples| {
+                let [reflected, passed] = furnace(&numbers, wo, samples);
+                assert!(reflected.min_element() >= 0.0, "{reflected} from {wo}: {numbers:?}");
+                (reflected + passed).max_element()
+            };
+            // Few samples have more noise than the tolerance.
+            let few = light(1 << 13);
+            let light = if few < 1.005 { few } else { light(1 << 18) };
+            assert!(light < 1.005, "{light} from {wo}: {numbers:?}");
         }
     }
 }
