@@ -61,7 +61,7 @@ struct Pending {
     far: Vec4,
 }
 
-/// What a thread writes while it traces.
+/// Memory that a thread writes while it traces.
 struct Scratch {
     /// The last triangles that were tested, each with the number of the packet.
     mailboxes: [(u32, u32); MAILBOXES],

@@ -23,7 +23,7 @@ impl Voxel {
             .fold(Self::EMPTY, |voxel, &point| Self { min: voxel.min.min(point), max: voxel.max.max(point) })
     }
 
-    /// What lies in both.
+    /// The part that lies in both.
     pub fn common(self, other: Self) -> Self {
         Self { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
