@@ -84,8 +84,8 @@ impl<L: Lanes> OutlinedTask<L> for Walking<'_, '_, L> {
         let [u, v] = sampler.two(dimension);
         // The distance is that of one channel, in proportion to what the path carries. Its weight counts all of them.
         let share = state.throughput / state.throughput.element_sum();
-        let extinction = medium.absorption + medium.scattering;
-        let [red, green, blue] = extinction.to_array().map(|channel| Num::splat(l, channel));
+        let extinction = Vector::splat(l, medium.absorption + medium.scattering);
+        let Vector { x: red, y: green, z: blue } = extinction;
         let chosen = Num::select(u.lt(share.x + share.y), green, blue);
         let chosen = Num::select(u.lt(share.x), red, chosen);
         let distance = exponential::log2(1.0 - v) * -LN_2 / chosen;
@@ -96,7 +96,7 @@ impl<L: Lanes> OutlinedTask<L> for Walking<'_, '_, L> {
             exponential::exp(-(way * green)),
             exponential::exp(-(way * blue)),
         );
-        let met = left * Vector::new(red, green, blue);
+        let met = left * extinction;
         let density = share.dot(Vector::select(scattered, met, left));
         let kept = Vector::select(scattered, left * Vector::splat(l, medium.scattering), left);
         let throughput = Vector::select(lanes, state.throughput * (kept / density), state.throughput);
