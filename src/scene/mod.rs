@@ -89,7 +89,6 @@ pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, MeshError, TriangleMesh};
 pub(crate) use mesh_size::MeshSize;
 pub use mip_weights::Averaging;
-use mip_weights::Mipmaps;
 pub use mipmap::Mipmap;
 pub use mix::Mix;
 pub use moment::Moment;

@@ -70,9 +70,10 @@ pub use texture::texture;
 
 #[cfg(all(doc, feature = "formats"))]
 use super::EnvironmentMap;
+use super::Scene;
+use super::mip_weights::Mipmaps;
 #[cfg(feature = "formats")]
 use super::recipe::{Recipe, RecipeError};
-use super::{Mipmaps, Scene};
 use crate::memory::OutOfMemory;
 use kind::Kind;
 use session::Session;
