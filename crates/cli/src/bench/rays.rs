@@ -93,7 +93,7 @@ fn name(view: &SceneView) -> String {
 fn print(view: &SceneView, report: &Report) {
     stdout_line!("{}", view.scene.display());
     stdout_line!(
-        "{:<16} {:<30} {:<8} {:>7} {:>9} {:>9} {:>9}  ratio to",
+        "{:<16} {:<40} {:<8} {:>7} {:>9} {:>9} {:>9}  ratio to",
         "rays",
         "unit",
         "order",
@@ -106,7 +106,7 @@ fn print(view: &SceneView, report: &Report) {
         let ratios: Vec<String> = row.ratio.iter().map(|(peer, r)| format!("{peer} {r:.2}")).collect();
         let speed = row.mray_per_s;
         stdout_line!(
-            "{:<16} {:<30} {:<8} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
+            "{:<16} {:<40} {:<8} {:>7} {:>9.2} {:>9.2} {:>9.2}  {}",
             row.kind.name(),
             unit(&row.unit, row.simd),
             row.order.name(),
