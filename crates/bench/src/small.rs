@@ -157,7 +157,7 @@ fn contenders<'a>(
     contenders.extend(trees.iter().map(|tree| {
         let calls = move |rays: &[Ray], len: usize| {
             let room = |rays: &[Ray]| {
-                let mut room = tree.library().rays(rays.len()).expect("memory for rays");
+                let mut room = tree.tinybvh().rays(rays.len()).expect("memory for rays");
                 room.set(rays);
                 room
             };

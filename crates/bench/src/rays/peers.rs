@@ -110,7 +110,7 @@ fn tinybvh<'a>(tree: &'a TinyBvhTree<'_>, any: bool, clock: Clock<'a>) -> Conten
     let round = move |rays: &Arc<[Ray]>| {
         let lengths = rays.chunks(SHARE).map(<[Ray]>::len);
         if !shares.iter().map(TinyBvhRays::len).eq(lengths.clone()) {
-            let room = |length| tree.library().rays(length).expect("memory for rays");
+            let room = |length| tree.tinybvh().rays(length).expect("memory for rays");
             shares = lengths.map(room).collect();
         }
         shares.iter_mut().zip(rays.chunks(SHARE)).for_each(|(share, rays)| share.set(rays));

@@ -163,7 +163,7 @@ impl TinyBvh {
         };
         let build_s = start.elapsed().as_secs_f64();
         let handle = handle.ok_or(TinyBvhError::Memory { action: "build a tree" })?;
-        Ok(TinyBvhTree { library: self, handle, options, build_s, _corners: corners })
+        Ok(TinyBvhTree { tinybvh: self, handle, options, build_s, _corners: corners })
     }
 
     /// Room for rays.
@@ -174,13 +174,13 @@ impl TinyBvh {
         // SAFETY: invariant 1.
         let handle = unsafe { (self.functions.rays)(count) };
         let handle = handle.ok_or(TinyBvhError::Memory { action: "hold rays" })?;
-        Ok(TinyBvhRays { library: self, handle, count })
+        Ok(TinyBvhRays { tinybvh: self, handle, count })
     }
 }
 
 /// A built tree.
 pub struct TinyBvhTree<'a> {
-    library: &'a TinyBvh,
+    tinybvh: &'a TinyBvh,
     handle: Handle,
     options: BuildOptions,
     /// Seconds that the build took.
@@ -202,38 +202,38 @@ unsafe impl Sync for TinyBvhTree<'_> {}
 impl Drop for TinyBvhTree<'_> {
     fn drop(&mut self) {
         // SAFETY: invariant 2.
-        unsafe { (self.library.functions.release)(self.handle) };
+        unsafe { (self.tinybvh.functions.release)(self.handle) };
     }
 }
 
 impl<'a> TinyBvhTree<'a> {
     /// Its name in reports.
     pub fn name(&self) -> String {
-        self.library.name(self.options)
+        self.tinybvh.name(self.options)
     }
 
     /// The library that built it.
-    pub fn library(&self) -> &'a TinyBvh {
-        self.library
+    pub fn tinybvh(&self) -> &'a TinyBvh {
+        self.tinybvh
     }
 
     /// Bytes of nodes and triangles.
     pub fn bytes(&self) -> usize {
         // SAFETY: invariant 2.
-        unsafe { (self.library.functions.bytes)(self.handle) }
+        unsafe { (self.tinybvh.functions.bytes)(self.handle) }
     }
 
     /// Traces rays on the calling thread: closest hits, or any hit.
     pub fn trace(&self, rays: &mut TinyBvhRays<'_>, any: bool) {
         // SAFETY: invariants 2 and 3.
-        unsafe { (self.library.functions.trace)(self.handle, rays.handle, u32::from(any)) };
+        unsafe { (self.tinybvh.functions.trace)(self.handle, rays.handle, u32::from(any)) };
     }
 }
 
 /// Rays in tinybvh's layout; after tracing, their hits.
 #[derive(Debug)]
 pub struct TinyBvhRays<'a> {
-    library: &'a TinyBvh,
+    tinybvh: &'a TinyBvh,
     handle: Handle,
     count: usize,
 }
@@ -244,7 +244,7 @@ unsafe impl Send for TinyBvhRays<'_> {}
 impl Drop for TinyBvhRays<'_> {
     fn drop(&mut self) {
         // SAFETY: invariant 2.
-        unsafe { (self.library.functions.release_rays)(self.handle) };
+        unsafe { (self.tinybvh.functions.release_rays)(self.handle) };
     }
 }
 
@@ -266,7 +266,7 @@ impl TinyBvhRays<'_> {
     pub fn set(&mut self, rays: &[Ray]) {
         assert_eq!(rays.len(), self.count, "one ray for each place");
         // SAFETY: invariants 2 and 3; as many rays are read as there is room for.
-        unsafe { (self.library.functions.set)(self.handle, rays.as_ptr()) };
+        unsafe { (self.tinybvh.functions.set)(self.handle, rays.as_ptr()) };
     }
 
     /// Distances of the nearest hits, or the ends of rays without one; after any-hit queries 1 where something is hit,
@@ -274,7 +274,7 @@ impl TinyBvhRays<'_> {
     pub fn answers(&self, any: bool) -> Vec<f32> {
         let mut answers = vec![0.0; self.count];
         // SAFETY: invariants 2 and 3; as many answers are written as there are rays.
-        unsafe { (self.library.functions.answers)(self.handle, u32::from(any), answers.as_mut_ptr()) };
+        unsafe { (self.tinybvh.functions.answers)(self.handle, u32::from(any), answers.as_mut_ptr()) };
         answers
     }
 }
