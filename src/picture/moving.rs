@@ -69,7 +69,7 @@ impl Moving {
 
     /// Begins to make the scene of a frame if frames are asked for one after the other. A worker that renders now this
     /// frame and now that one makes none in vain.
-    fn expect(&self, frame: u32, opened: &Rendering) {
+    fn make_ahead(&self, frame: u32, opened: &Rendering) {
         let follows = frame.checked_sub(2).is_some_and(|before| lock(&self.scenes).last == Some(before));
         lock(&self.scenes).last = frame.checked_sub(1);
         let is_last = !opened.frames().numbers().contains(&frame) || opened.steps() > 1;
@@ -192,7 +192,7 @@ impl Rendering {
         let prepared = match (self.moving(), self.time(frame)) {
             (Some(moving), Some(seconds)) if Some(seconds) != self.start() => {
                 let prepared = moving.scene(seconds, self).with_context(|| format!("frame {frame}"))?;
-                moving.expect(frame + 1, self);
+                moving.make_ahead(frame + 1, self);
                 prepared
             }
             _ => self.prepared().clone(),
