@@ -199,6 +199,9 @@ class Moving(service.Case):
 
     SCENE = "moving.gltf", service.moving_gltf()
 
+    # The full picture of the newest change is shown. The picture before it may be a full one as well.
+    COMPLETE = "!raystream.playing && raystream.gen === raystream.asked && raystream.last"
+
     def few(self):
         """A page whose full pictures have few samples."""
         page = self.live()
@@ -228,7 +231,7 @@ class Moving(service.Case):
         self.assertAlmostEqual(sum(shown), sum(clock), delta=0.15)
         self.assertGreater(passed[-1][2] - passed[0][2], 4, "frames of the motion are shown")
         page.get_by_test_id("play").click()
-        self.wait_for(page, "!raystream.playing && !raystream.moving && raystream.last")
+        self.wait_for(page, self.COMPLETE)
         paused = page.evaluate("raystream.seconds")
         page.wait_for_timeout(300)
         self.assertEqual(page.evaluate("raystream.seconds"), paused)
@@ -255,14 +258,14 @@ class Moving(service.Case):
         page.keyboard.press(" ")
         self.wait_for(page, "raystream.playing && raystream.seconds > 0.3")
         page.keyboard.press(" ")
-        self.wait_for(page, "!raystream.playing && raystream.last")
+        self.wait_for(page, self.COMPLETE)
         seconds, before = page.evaluate("raystream.seconds"), self.pixels(page)
         self.service.kill()
         page.locator('[data-testid="connection"][data-state="retry"]').wait_for()
         self.service.start()
         page.locator('[data-testid="connection"][data-state="open"]').wait_for()
         frames = page.evaluate("raystream.frames")
-        self.wait_for(page, f"raystream.frames > {frames} && raystream.last")
+        self.wait_for(page, f"raystream.frames > {frames} && {self.COMPLETE}")
         self.assertEqual(page.evaluate("raystream.seconds"), seconds)
         self.assertEqual(self.pixels(page), before)
 

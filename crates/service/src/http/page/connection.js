@@ -84,6 +84,7 @@ export class Connection {
   /** Sends a request that changes the picture. */
   change(request) {
     this.send({ ...request, generation: ++this.generation });
+    window.raystream.asked = this.generation;
   }
 
   take(data, socket) {

@@ -44,7 +44,7 @@ export class Live {
     this.isSent = false;
     // What the view before was told.
     this.notice(null);
-    window.raystream = { gen: 0, spp: 0, frames: 0 };
+    window.raystream = { gen: 0, asked: 0, spp: 0, frames: 0 };
     this.player = new Player((request) => this.connection.change(request));
     this.connection = new Connection(url, {
       state: (state) => this.tellState(state),
