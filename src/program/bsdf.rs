@@ -10,7 +10,7 @@ use super::lower::{Base, Lowered};
 use super::operation::CHUNK;
 use super::parameter::Parameter;
 use super::source::{ShaderError, SourceText};
-use crate::lanes::{Lanes, Num, Vector, for_pairs_mut};
+use crate::lanes::{Lanes, Num, OutlinedTask, Vector, for_pairs_mut};
 use crate::scene::{
     BoundTexture, OwnSurface, Points, Scattered, Scattering, ScatteringSurface, Transmission,
 };
@@ -219,8 +219,25 @@ impl BsdfShader {
         function: &Prepared,
         arguments: [Num<L>; 6],
     ) -> [Num<L>; N] {
+        at.lanes().outlined(Call { shader: self, at, function, arguments })
+    }
+}
+
+/// [`BsdfShader::call`] out of line: under a coat there are seven calls, and each looks at all fields of points.
+struct Call<'a, 's, L: Lanes, const N: usize> {
+    shader: &'a BsdfShader,
+    at: &'a Points<'s, L>,
+    function: &'a Prepared,
+    arguments: [Num<L>; 6],
+}
+
+impl<L: Lanes, const N: usize> OutlinedTask<L> for Call<'_, '_, L, N> {
+    type Output = [Num<L>; N];
+
+    #[inline(always)]
+    fn run(self, l: L) -> [Num<L>; N] {
+        let Self { shader, at, function, arguments } = self;
         let Prepared { kernel, inputs, arguments: registers_of } = function;
-        let l = at.lanes();
         let columns = kernel.columns(CHUNK);
         if inputs.wanted != 0 {
             at.write_to(inputs.wanted, &mut inputs.sink(&columns, L::LANES));
@@ -228,7 +245,7 @@ impl BsdfShader {
         for &(argument, register) in registers_of {
             columns.set_chunk(register, arguments[argument]);
         }
-        kernel.run_vector(l, &self.text, &columns);
+        kernel.run_vector(l, &shader.text, &columns);
         let mut results = [Num::zero(l); N];
         for_pairs_mut(&mut results, &kernel.code.outputs, |result, &register| {
             *result = columns.int(l, register, 0).to_num_bits();
