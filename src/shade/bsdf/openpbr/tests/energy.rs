@@ -113,7 +113,7 @@ impl LaneTask for Density<'_> {
             let mut wi = crate::geom::warp::lanes::cosine_hemisphere(sampler.two(Int::splat(l, 0)));
             let density = crate::geom::warp::lanes::cosine_hemisphere_pdf(wi.z);
             for _ in 0..2 {
-                let (_, pdf) = bsdf.evaluate(wo, wi);
+                let (_, pdf) = evaluate(&bsdf, wo, wi);
                 sum += (pdf / density).to_array().as_ref().iter().sum::<f32>();
                 wi.z = -wi.z;
             }
@@ -187,7 +187,7 @@ fn light_may_go_either_way() {
                 continue;
             }
             let value = |bsdf: &OpenPbr<SingleLane>, wo: Vec3, wi: Vec3| {
-                Vec3::from(bsdf.evaluate(wo.into(), wi.into()).0) / wi.z.abs()
+                Vec3::from(evaluate(bsdf, wo.into(), wi.into()).0) / wi.z.abs()
             };
             let (there, back) = (value(&near, wo, wi), value(&near, wi, wo));
             let off = (there - back).abs().max_element();
@@ -219,8 +219,8 @@ impl LaneTask for Bits<'_> {
                 let wo = Vector::splat(l, wo);
                 let sampler = Sampler::of(Int::splat(l, 5), Int::iota(l) + first, 1);
                 let [u, pair] = [0, 1].map(|dimension| Int::splat(l, dimension));
-                let sample = bsdf.sample(wo, sampler.one(u), sampler.two(pair));
-                let (value, pdf) = bsdf.evaluate(wo, sample.wi);
+                let sample = sample(&bsdf, wo, sampler.one(u), sampler.two(pair));
+                let (value, pdf) = evaluate(&bsdf, wo, sample.wi);
                 let vectors = [sample.wi, sample.weight, value].map(|Vector { x, y, z }| [x, y, z]);
                 let numbers = vectors.into_iter().flatten().chain([sample.pdf, pdf]);
                 columns.extend(numbers.map(|column| column.only(sample.valid).to_array()));

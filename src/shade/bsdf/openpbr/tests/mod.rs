@@ -4,9 +4,10 @@ mod energy;
 mod reference;
 
 use super::parameters::{CoatParameters, FilmParameters, FuzzParameters, Parameters, SubsurfaceParameters};
-use super::{OpenPbr, Smoothness};
+use super::{Evaluate, OpenPbr, Sampling, Smoothness};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Num, SimdLevel, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, SimdLevel, Vector};
+use crate::shade::bsdf::Sample;
 use glam::Vec3;
 
 /// The parameters of a surface, with the specification's defaults.
@@ -131,8 +132,36 @@ impl Numbers {
         };
         let outside = x(&|n| if n.outside { 1.0 } else { 0.0 }).above(0.5);
         let smoothness = Smoothness { enters_media: all[0].enters, ..Smoothness::EXACT };
-        OpenPbr::of(&parameters, outside, smoothness)
+        l.outlined(Make { parameters: &parameters, outside, smoothness })
     }
+}
+
+/// [`OpenPbr::of`] out of line. Wherever these functions were inlined the compiler would take many seconds.
+struct Make<'a, L: Lanes> {
+    parameters: &'a Parameters<L>,
+    outside: Mask<L>,
+    smoothness: Smoothness,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Make<'_, L> {
+    type Output = OpenPbr<L>;
+
+    #[inline(always)]
+    fn run(self, _: L) -> OpenPbr<L> {
+        OpenPbr::of(self.parameters, self.outside, self.smoothness)
+    }
+}
+
+/// [`OpenPbr::evaluate`] as shaders call it.
+#[inline(always)]
+fn evaluate<L: Lanes>(surface: &OpenPbr<L>, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+    wo.lanes().outlined(Evaluate { surface, wo, wi })
+}
+
+/// [`OpenPbr::sample`] as shaders call it.
+#[inline(always)]
+fn sample<L: Lanes>(surface: &OpenPbr<L>, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
+    wo.lanes().outlined(Sampling { surface, wo, u, u2 })
 }
 
 /// Light reflected and transmitted towards a direction under a uniform environment, by sampling. Light that passes
@@ -155,7 +184,7 @@ impl LaneTask for Furnace<'_> {
             let sampler = Sampler::of(Int::splat(l, 17), Int::iota(l) + first, 3);
             let [u, pair] = [0, 1].map(|dimension| Int::splat(l, dimension));
             let (u, [a, b]) = (sampler.one(u), sampler.two(pair));
-            let sample = bsdf.sample(wo, u, [a, b]);
+            let sample = sample(&bsdf, wo, u, [a, b]);
             let light = (sample.weight * sample.eta * sample.eta).only(sample.valid);
             for (sum, light) in sums.iter_mut().zip([light.only(!sample.crosses), light.only(sample.crosses)])
             {
