@@ -35,10 +35,10 @@ const FILTER_MEGABYTES: c_int = 1024;
 const MEGABYTE: u64 = 1 << 20;
 
 /// Bytes of a filter for each pixel at most, as measured; of the library with its weights; of the planes and images of
-/// a pixel.
+/// a pixel, and the layer that files have then.
 const FILTER_BYTES: u64 = 800;
 const LIBRARY_BYTES: u64 = 256 * MEGABYTE;
-const IMAGE_BYTES: u64 = 4 * (24 + 12);
+const IMAGE_BYTES: u64 = 4 * (24 + 12 + 16);
 
 /// `OIDN_DEVICE_TYPE_CPU`.
 const CPU: c_int = 1;
