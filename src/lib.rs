@@ -57,6 +57,7 @@ write_image("picture.png", &frame.film().image(), &Look::default())?;
 //! - `flat`: Loaded scenes as flat files, which are mapped and not decoded.
 //! - `gpu`: The wgpu tracer. Without it raystream is a CPU renderer with the same scheduler.
 //! - `picture`: A picture as data: `raystream::picture`.
+//! - `oidn`: Open Image Denoise, loaded at run time where its library is.
 //! - `nvml`: Energy, power and clocks of NVIDIA GPUs, where their driver is.
 //! - `unstable`: Documents the modules that may change in any release. They can be used without it.
 //! <!-- end -->

@@ -1,7 +1,6 @@
 //! Layers: data of a picture besides its radiance, such as depth, normals and masks.
 
 use super::Image;
-use super::denoise::DENOISER_VERSION;
 use bytemuck::NoUninit;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::Xxh3;
@@ -14,6 +13,10 @@ pub struct Picture {
     pub image: Image,
     /// Radiance before noise was removed from `image`, if it was.
     pub noisy: Option<Image>,
+    /// The denoiser of `image`, with its version.
+    pub denoiser: Option<String>,
+    /// The reason for which the picture has its noise although it was to be removed.
+    pub kept_noise: Option<String>,
     /// Share of each pixel's samples that hit something, 0 to 1, if asked for. Radiance is premultiplied by it.
     pub alpha: Option<Vec<f32>>,
     /// The layers, in the order in which they were asked for.
@@ -36,9 +39,13 @@ impl Picture {
     /// view axis meets the picture from the corner above on the left. EXR files then have `worldToNDC`.
     pub const INTRINSICS: &str = "intrinsics";
 
+    /// `oidn` if Open Image Denoise is to remove the noise of the picture, or of the sum of partial films.
+    pub const DENOISE: &str = "denoise";
+
     /// A picture without alpha, layers and metadata.
     pub fn new(image: Image) -> Self {
-        Self { image, noisy: None, alpha: None, layers: Vec::new(), metadata: BTreeMap::new() }
+        let (alpha, layers, metadata) = (None, Vec::new(), BTreeMap::new());
+        Self { image, noisy: None, denoiser: None, kept_noise: None, alpha, layers, metadata }
     }
 
     /// The picture hash: [`Image::hash`] of the radiance, before noise was removed from it.
@@ -51,12 +58,14 @@ impl Picture {
         self.noisy.as_ref().map(|_| self.image.hash())
     }
 
-    /// Facts about a picture from which noise was removed, by name: `denoiser`, which is this program's with its
-    /// version, and `denoised_hash`.
+    /// The same without the noise of its radiance.
+    pub fn with_denoised(self, image: Image, denoiser: String) -> Self {
+        Self { noisy: Some(self.image), image, denoiser: Some(denoiser), ..self }
+    }
+
+    /// Facts about a picture from which noise was removed, by name: `denoiser`, with its version, and `denoised_hash`.
     pub fn denoising_facts(&self) -> [(&'static str, Option<String>); 2] {
-        let hash = self.denoised_hash();
-        let denoiser = hash.as_ref().map(|_| format!("raystream {DENOISER_VERSION}"));
-        [("denoiser", denoiser), ("denoised_hash", hash)]
+        [("denoiser", self.denoiser.clone()), ("denoised_hash", self.denoised_hash())]
     }
 
     /// The hash of each layer by name, `alpha` included: XXH3 (64 bits) of the picture's size and of the layer's bytes,

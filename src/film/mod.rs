@@ -25,7 +25,9 @@ mod write;
 
 pub(crate) use accumulation::take;
 pub use accumulation::{Film, FilmError, MAX_RADIANCE};
-pub use denoise::{DENOISER_VERSION, FILTER_REACH, GuideSums, GuidedPicture, NoisyPicture, Viewpoint};
+pub use denoise::{
+    DENOISER_VERSION, FILTER_REACH, GuideSums, GuidedPicture, NoisyPicture, Oidn, OidnError, Viewpoint,
+};
 pub use image::Image;
 pub use kind::FilmKind;
 pub use layer::{Coverage, Layer, LayerValues, Picture};

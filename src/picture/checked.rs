@@ -2,10 +2,10 @@
 
 use super::plugin_options::Setting;
 use super::shaders::{self, Pictures, Shaders};
-use super::spec::RenderSpec;
+use super::spec::{Denoiser, RenderSpec};
 use super::{Frames, Registry, Rendering};
 use crate::engine::PreparedScene;
-use crate::film::{Film, NoisyPicture};
+use crate::film::{Film, NoisyPicture, Oidn, OidnError};
 use crate::memory::MemoryBudget;
 use crate::render::{AovSet, PASSES_IN_FLIGHT, Settings};
 use crate::scene::load::LoadOptions;
@@ -83,7 +83,29 @@ impl CheckedSpec {
 
     /// Bytes that a picture takes until it is written.
     pub fn picture_bytes(&self) -> u64 {
-        picture_bytes(&self.spec.settings(), &self.spec.aovs())
+        let settings = self.spec.settings();
+        let bytes = picture_bytes(&settings, &self.spec.aovs());
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        match self.spec.layers.denoise {
+            Denoiser::Oidn => bytes.saturating_add(Oidn::denoising_bytes(pixels)),
+            _ => bytes,
+        }
+    }
+
+    /// Checks that the denoiser can be used that the spec asks for. Only who writes the picture needs it.
+    ///
+    /// # Errors
+    /// Why it cannot be used.
+    pub fn check_denoiser(&self) -> Result<()> {
+        self.oidn().map(drop).context("--denoise oidn")
+    }
+
+    /// The library of Open Image Denoise, if the spec asks for it.
+    pub(super) fn oidn(&self) -> Result<Option<&Oidn>, OidnError> {
+        match self.spec.layers.denoise {
+            Denoiser::Oidn => self.registry.oidn().map(Some),
+            _ => Ok(None),
+        }
     }
 
     /// Changes a loaded scene as the spec asks: surfaces, materials, then the environment. Returns the scene's shaders.

@@ -1,6 +1,6 @@
 //! Facts that picture files hold beside pixels.
 
-use super::Rendering;
+use super::{Denoiser, Rendering};
 use crate::film::Picture;
 use crate::render::{PICTURE_VERSION, Settings};
 use crate::scene::{Camera, Distortion};
@@ -28,6 +28,7 @@ impl Rendering {
 
         let optional = [
             ("indirect_limit", spec.indirect_limit().map(|limit| limit.to_string())),
+            (Picture::DENOISE, (spec.layers.denoise == Denoiser::Oidn).then(|| "oidn".to_owned())),
             ("white_balance", spec.look.white_balance.map(|kelvin| kelvin.to_string())),
             (Picture::WORLD_TO_CAMERA, world_to_camera(camera)),
             (Picture::INTRINSICS, intrinsics(camera, &settings)),

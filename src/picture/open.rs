@@ -41,6 +41,7 @@ pub fn open(spec: &RenderSpec, folder: &Path, units: &Units) -> Result<Rendering
 /// What is wrong with the spec or the scene.
 pub fn open_with(spec: &RenderSpec, folder: &Path, units: &Units, registry: &Registry) -> Result<Rendering> {
     let checked = CheckedSpec::new(spec.clone().within(folder)?, registry)?;
+    checked.check_denoiser()?;
     let memory = MemoryBudget::of_machine();
     checked.afford(&memory, 1)?;
     let path = checked.scene_file()?;
@@ -56,6 +57,7 @@ pub fn open_with(spec: &RenderSpec, folder: &Path, units: &Units, registry: &Reg
 /// What is wrong with the spec or the scene.
 pub fn open_scene(spec: &RenderSpec, scene: Scene, units: &Units, registry: &Registry) -> Result<Rendering> {
     let checked = CheckedSpec::new(spec.clone(), registry)?;
+    checked.check_denoiser()?;
     let memory = MemoryBudget::of_machine();
     checked.afford(&memory, 1)?;
     prepared(&checked, scene, units, &memory)

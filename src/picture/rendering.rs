@@ -6,7 +6,7 @@ use super::spec::RenderSpec;
 use super::watched::Unwatched;
 use super::{AnyIntegrator, CheckedSpec, Frames, Moving};
 use crate::engine::PreparedScene;
-use crate::film::Picture;
+use crate::film::{Oidn, Picture};
 use crate::lanes::SimdLevel;
 use crate::render::{Integrator, Progressive};
 use crate::scene::Camera;
@@ -196,7 +196,25 @@ impl Rendering {
 
     /// The picture of a frame so far, denoised if the spec asks for it, with facts about it.
     pub fn developed(&self, frame: &Progressive<AnyIntegrator>, camera: &Camera) -> Picture {
-        self.described(frame.develop_denoised(self.threads), frame, camera)
+        self.described(self.denoised(frame), frame, camera)
+    }
+
+    /// [`Rendering::developed`] without facts.
+    pub fn denoised(&self, frame: &Progressive<AnyIntegrator>) -> Picture {
+        self.with_oidn(|oidn| frame.develop_denoised(self.threads, oidn), || frame.develop())
+    }
+
+    /// Picture that `denoised` makes with the library of Open Image Denoise, if the spec asks for it. If it cannot be
+    /// used, the picture is the `noisy` one, which says why.
+    pub(super) fn with_oidn(
+        &self,
+        denoised: impl FnOnce(Option<&Oidn>) -> Picture,
+        noisy: impl FnOnce() -> Picture,
+    ) -> Picture {
+        match self.checked.oidn() {
+            Ok(oidn) => denoised(oidn),
+            Err(error) => Picture { kept_noise: Some(error.to_string()), ..noisy() },
+        }
     }
 
     /// The picture of a frame so far with its noise, and with facts about it.

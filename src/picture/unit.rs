@@ -2,8 +2,8 @@
 
 use super::checkpoint::Checkpoint;
 use super::{AnyIntegrator, Rendering};
-use crate::film::Picture;
 use crate::film::tev::Tev;
+use crate::film::{Oidn, Picture};
 use crate::render::{Gathered, Identity, Integrator, Pass, PassOptions, Patch, PatchError};
 use crate::scene::Camera;
 use crate::schedule::{JobHandle, JobOptions, JobReport, LimitsError, Priority, Service};
@@ -132,7 +132,9 @@ impl Rendering {
             checkpoint.write(&frame)?;
             return Ok(None);
         }
-        Ok(Some(self.developed(&frame, &camera)))
+        let picture = self.developed(&frame, &camera);
+        warn_of_noise(&picture);
+        Ok(Some(picture))
     }
 }
 
@@ -140,6 +142,13 @@ pub(super) fn count(report: &JobReport, watch: &dyn Watch) {
     watch.traced(report.rays.total(), report.wall_s);
     for event in &report.events {
         log::warn!("{event}");
+    }
+}
+
+/// Warns of a picture that has its noise although it was to be removed.
+fn warn_of_noise(picture: &Picture) {
+    if let Some(why) = &picture.kept_noise {
+        log::warn!("{why}; the picture is written with its noise");
     }
 }
 
@@ -187,7 +196,10 @@ impl FrameSum {
 
     /// The picture of all complete passes, denoised if the spec asks for it.
     pub fn develop(&self) -> Picture {
-        let mut picture = self.gathered.develop_denoised(self.rendering.threads());
+        let (rendering, gathered) = (&self.rendering, &self.gathered);
+        let denoised = |oidn: Option<&Oidn>| gathered.develop_denoised(rendering.threads(), oidn);
+        let mut picture = rendering.with_oidn(denoised, || gathered.develop());
+        warn_of_noise(&picture);
         let region = self.gathered.integrator().frame().part().region;
         let mean_spp = self.gathered.film().samples() as f64 / region.area() as f64;
         picture.metadata = self.rendering.facts(&picture, &self.camera, mean_spp);

@@ -5,7 +5,7 @@ use super::{Rendering, mean_samples};
 use crate::film::Picture;
 use crate::render::{Integrator, NoiseReport, PassOptions, Progressive};
 use crate::schedule::{Priority, RayCounts, Service};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use std::time::{Duration, Instant};
 
 /// A frame that has been rendered.
@@ -63,7 +63,7 @@ impl Rendering {
     /// ```
     ///
     /// # Errors
-    /// If there is no such frame, or the scheduler refuses the job or fails.
+    /// If there is no such frame, or the scheduler or the denoiser refuses or fails.
     pub fn render_watched(
         &self,
         service: &Service,
@@ -105,8 +105,12 @@ impl Rendering {
             rays.shadow += report.rays.shadow;
         }
         watch.progress(1.0);
+        let picture = self.developed(&frame, &camera);
+        if let Some(why) = &picture.kept_noise {
+            bail!("{why}");
+        }
         Ok(Some(RenderedFrame {
-            picture: self.developed(&frame, &camera),
+            picture,
             rays,
             mean_samples: mean_samples(&frame),
             passes: frame.passes(),

@@ -6,8 +6,8 @@ pub(super) mod layer_record;
 use super::Frame;
 use super::aov::{Aov, AovError, AovSet, COUNTS, FEATURES, MEANS};
 use crate::film::{
-    Coverage, Film, GuidedPicture, Image, Layer, LayerValues, NoisyPicture, Picture, Region, Viewpoint,
-    power_of_two,
+    Coverage, DENOISER_VERSION, Film, GuidedPicture, Image, Layer, LayerValues, NoisyPicture, Oidn, Picture,
+    Region, Viewpoint, power_of_two,
 };
 use crate::lanes::SimdLevel;
 use crate::scene::{Lens, Objects, Scene};
@@ -126,12 +126,12 @@ impl Frame {
     }
 
     /// [`Frame::develop`], and the picture denoised on `threads` threads if that was asked for
-    /// ([`AovSet::with_denoised`]).
+    /// ([`AovSet::with_denoised`]): by OIDN if it is given, else by raystream's own filter.
     ///
     /// # Panics
     /// If the film is of another kind of frame.
-    pub fn develop_denoised(&self, film: &Film, threads: usize) -> Picture {
-        self.developer().develop_denoised(film, self.simd(), threads)
+    pub fn develop_denoised(&self, film: &Film, threads: usize, oidn: Option<&Oidn>) -> Picture {
+        self.developer().develop_denoised(film, self.simd(), threads, oidn)
     }
 
     /// The picture of a film of this frame, or of its part, after a filter of milliseconds that removes most noise of
@@ -150,13 +150,26 @@ impl Frame {
 }
 
 impl Developer {
-    pub fn develop_denoised(&self, film: &Film, simd: SimdLevel, threads: usize) -> Picture {
-        let mut picture = self.develop(film);
-        if self.layers.as_ref().is_some_and(|layers| layers.aovs.is_denoised()) {
-            let denoised = NoisyPicture::of(film, self.region).denoise(simd, threads);
-            picture.noisy = Some(std::mem::replace(&mut picture.image, denoised));
+    pub fn develop_denoised(
+        &self,
+        film: &Film,
+        simd: SimdLevel,
+        threads: usize,
+        oidn: Option<&Oidn>,
+    ) -> Picture {
+        let picture = self.develop(film);
+        if !self.layers.as_ref().is_some_and(|layers| layers.aovs.is_denoised()) {
+            return picture;
         }
-        picture
+        let noisy = NoisyPicture::of(film, self.region);
+        let Some(oidn) = oidn else {
+            return picture
+                .with_denoised(noisy.denoise(simd, threads), format!("raystream {DENOISER_VERSION}"));
+        };
+        match oidn.denoise(&noisy, threads) {
+            Ok(image) => picture.with_denoised(image, format!("oidn {}", oidn.version())),
+            Err(error) => Picture { kept_noise: Some(error.to_string()), ..picture },
+        }
     }
 
     pub fn develop(&self, film: &Film) -> Picture {

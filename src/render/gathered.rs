@@ -1,7 +1,7 @@
 //! A frame whose passes are rendered elsewhere, in patches.
 
 use super::{CheckpointError, Identity, Integrator, Pass, PassOptions, Patch, PatchError, Progressive};
-use crate::film::{Film, Picture};
+use crate::film::{Film, Oidn, Picture};
 use std::io;
 use std::sync::Arc;
 
@@ -152,10 +152,9 @@ impl<I: Integrator> Gathered<I> {
         self.frame.integrator().frame().develop(&self.frame.state().film)
     }
 
-    /// [`Gathered::develop`], and the picture denoised on `threads` threads if that was asked for
-    /// ([`super::AovSet::with_denoised`]).
-    pub fn develop_denoised(&self, threads: usize) -> Picture {
-        self.frame.integrator().frame().develop_denoised(&self.frame.state().film, threads)
+    /// [`Gathered::develop`], and the picture denoised as [`super::Frame::develop_denoised`] does it.
+    pub fn develop_denoised(&self, threads: usize, oidn: Option<&Oidn>) -> Picture {
+        self.frame.integrator().frame().develop_denoised(&self.frame.state().film, threads, oidn)
     }
 
     /// The frame's integrator.

@@ -3,7 +3,7 @@
 use super::frame_layers::layer_record::LayerRecord;
 use super::summed::Summed;
 use super::{Frame, Identity, Part, Settings};
-use crate::film::{Film, FilmKind, Image, Picture, Region, take};
+use crate::film::{Film, FilmKind, Image, Oidn, Picture, Region, take};
 use crate::lanes::SimdLevel;
 use crate::memory::OutOfMemory;
 use flate2::Compression;
@@ -274,13 +274,19 @@ impl PartialFilm {
         }
     }
 
-    /// [`PartialFilm::develop`], and the picture denoised if that was asked for ([`super::AovSet::with_denoised`]).
+    /// [`PartialFilm::develop`], and the picture denoised as [`super::Frame::develop_denoised`] does it.
     ///
     /// # Panics
     /// If the picture does not have the region.
-    pub fn develop_denoised(&self, region: Region, simd: SimdLevel, threads: usize) -> Picture {
+    pub fn develop_denoised(
+        &self,
+        region: Region,
+        simd: SimdLevel,
+        threads: usize,
+        oidn: Option<&Oidn>,
+    ) -> Picture {
         match &self.header.layers {
-            Some(layers) => layers.developer(region).develop_denoised(&self.film, simd, threads),
+            Some(layers) => layers.developer(region).develop_denoised(&self.film, simd, threads, oidn),
             None => self.develop(region),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::preview::{PassSum, Preview};
 use super::{Integrator, Pass, Sequence};
-use crate::film::{Film, Noise, Picture};
+use crate::film::{Film, Noise, Oidn, Picture};
 use crate::schedule::{JobError, JobHandle, JobReport, LimitsError, Progress};
 use std::collections::VecDeque;
 use std::fmt;
@@ -427,10 +427,9 @@ impl<I: Integrator> Progressive<I> {
         self.integrator.frame().develop(&self.picture())
     }
 
-    /// [`Progressive::develop`], and the picture denoised on `threads` threads if that was asked for
-    /// ([`super::AovSet::with_denoised`]).
-    pub fn develop_denoised(&self, threads: usize) -> Picture {
-        self.integrator.frame().develop_denoised(&self.picture(), threads)
+    /// [`Progressive::develop`], and the picture denoised as [`super::Frame::develop_denoised`] does it.
+    pub fn develop_denoised(&self, threads: usize, oidn: Option<&Oidn>) -> Picture {
+        self.integrator.frame().develop_denoised(&self.picture(), threads, oidn)
     }
 
     pub(super) fn state(&self) -> &State {

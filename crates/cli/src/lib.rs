@@ -110,7 +110,7 @@ fn execute(command: &Command, registry: Registry) -> anyhow::Result<Outcome> {
             doctor::warn_of(examination);
             outcome
         }
-        Command::Merge(args) => merge::run(args),
+        Command::Merge(args) => merge::run(args, &registry),
         Command::Trace(args) => trace::run(args),
         Command::Shaders(command) => shaders::run(command).map(|()| Outcome::Done),
         Command::Mesh(args) => mesh::run(args).map(|()| Outcome::Done),

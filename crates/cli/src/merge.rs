@@ -6,8 +6,9 @@ use super::outputs::Outputs;
 use super::render::{insist, partial, warn_of_clamped};
 use super::stats::{self, ImageStats, MergeStats, SCHEMA};
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use raystream::film::{Format, Picture, Region, write_picture};
+use raystream::film::{Format, Oidn, Picture, Region, write_picture};
 use raystream::lanes::SimdLevel;
+use raystream::picture::Registry;
 use raystream::render::{PICTURE_VERSION, Part, PartialFilm, PartialFilmError, PartialFilmHeader};
 use std::fs::File;
 use std::io::BufReader;
@@ -18,7 +19,7 @@ use std::time::Instant;
 const NAMED_GAPS: usize = 8;
 
 /// Adds up the films. All headers are compared before the first film is read, and one film is read at a time.
-pub fn run(args: &MergeArgs) -> Result<Outcome> {
+pub fn run(args: &MergeArgs, registry: &Registry) -> Result<Outcome> {
     let began = Instant::now();
     check_files(args)?.make_folders()?;
     let header = join_headers(args)?;
@@ -31,6 +32,9 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
     );
     let missing = Part { region, samples: 0..header.spp() }.without(header.parts());
     refuse_gaps(args, &missing)?;
+    let registry = args.oidn.registry(registry);
+    let asks_oidn = header.metadata().get(Picture::DENOISE).is_some_and(|name| name == "oidn");
+    let oidn = (asks_oidn && args.picture_path().is_some()).then(|| registry.oidn()).transpose()?;
     let memory = header.reading_bytes().saturating_add(48 * whole.area());
     let memory = args.memory().check(format!("adding films of {width}x{height} pixels"), memory);
     memory.map_err(|error| anyhow!("{error}; raise the limit (--memory)"))?;
@@ -40,7 +44,10 @@ pub fn run(args: &MergeArgs) -> Result<Outcome> {
     }
     let taken = region.area() * u64::from(header.spp()) - missing.iter().map(Part::count).sum::<u64>();
     let mean_spp = taken as f64 / region.area() as f64;
-    let picture = develop(args, &sum, region, mean_spp);
+    let picture = develop(args, (&sum, oidn), region, mean_spp);
+    if let Some(why) = &picture.kept_noise {
+        bail!("{why}");
+    }
     let (image, look) = (&picture.image, args.look.look());
     if let Some(path) = args.picture_path() {
         insist(|| write_picture(path, &picture, &look, &args.encoding.options()))?;
@@ -166,10 +173,15 @@ fn add(args: &MergeArgs, joined: &PartialFilmHeader) -> Result<PartialFilm> {
 }
 
 /// The picture of a region, with the facts that the films have.
-fn develop(args: &MergeArgs, sum: &PartialFilm, region: Region, mean_spp: f64) -> Picture {
+fn develop(
+    args: &MergeArgs,
+    (sum, oidn): (&PartialFilm, Option<&Oidn>),
+    region: Region,
+    mean_spp: f64,
+) -> Picture {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut picture = match args.picture_path() {
-        Some(_) => sum.develop_denoised(region, SimdLevel::detect(), threads),
+        Some(_) => sum.develop_denoised(region, SimdLevel::detect(), threads, oidn),
         None => sum.develop(region),
     };
     let (image, look) = (&picture.image, args.look.look());

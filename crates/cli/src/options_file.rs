@@ -49,6 +49,7 @@ impl Arguments {
 /// # Errors
 /// If the file cannot be read, or holds what is no option of the command. The message has path, line and column.
 pub fn expand(command: &Command, all: Vec<OsString>) -> Result<Arguments, String> {
+    let all = with_joined_values(all);
     let known = all.get(1).and_then(|name| command.find_subcommand(name));
     let Some((known, path)) = known.zip(all.get(2..).and_then(file_named)) else {
         return Ok(Arguments::plain(all));
@@ -81,6 +82,27 @@ pub fn expand(command: &Command, all: Vec<OsString>) -> Result<Arguments, String
     let rest = &all[2..];
     let all = all[..2].iter().cloned().chain(added).chain(rest.iter().cloned()).collect();
     Ok(Arguments { all, spec, file: Some(path), places })
+}
+
+/// The arguments, in which options that may stand alone are joined to the value behind them, if it is one: `--denoise
+/// oidn` becomes `--denoise=oidn`, and `--denoise scene.glb` stays.
+fn with_joined_values(all: Vec<OsString>) -> Vec<OsString> {
+    let options = RenderSpec::options();
+    let takes = |argument: &OsString, next: &OsString| {
+        let (argument, next) = (argument.to_str()?.strip_prefix("--")?, next.to_str()?);
+        let mut options = options.iter().filter(|option| option.value.is_some() && option.alone.is_some());
+        let option = options.find(|option| option.name == argument)?;
+        (option.check)(next).is_ok().then(|| format!("--{argument}={next}").into())
+    };
+    let end = before_escape(&all).len();
+    let (mut joined, mut place) = (Vec::with_capacity(all.len()), 0);
+    while place < end {
+        let both = all.get(place + 1).filter(|_| place + 1 < end).and_then(|next| takes(&all[place], next));
+        place += if both.is_some() { 2 } else { 1 };
+        joined.push(both.unwrap_or_else(|| all[place - 1].clone()));
+    }
+    joined.extend_from_slice(&all[end..]);
+    joined
 }
 
 fn unknown(command: &Command, key: &str) -> String {
@@ -179,6 +201,27 @@ mod tests {
         assert!(has(&all, "--resume") && has(&all, "--output=x.png") && !has(&all, "--strict"));
         let given = expanded("a.toml", toml, &["-oy.png", "--resume"]).expect("valid");
         assert!(!has(&given, "--output=x.png"), "{given:?}");
+    }
+
+    #[test]
+    fn options_that_may_stand_alone_take_the_value_behind_them_and_no_scene() {
+        let joined = |text: &str| {
+            let all = with_joined_values(text.split(' ').map(OsString::from).collect());
+            all.join(std::ffi::OsStr::new(" ")).into_string().expect("UTF-8")
+        };
+        for (given, wanted) in [
+            ("r render --denoise oidn a.glb", "r render --denoise=oidn a.glb"),
+            ("r render --denoise a.glb", "r render --denoise a.glb"),
+            (
+                "r render a.glb --denoise false --spp 4 --denoise",
+                "r render a.glb --denoise=false --spp 4 --denoise",
+            ),
+            ("r render -- --denoise oidn", "r render -- --denoise oidn"),
+            ("r render --denoise -- oidn", "r render --denoise -- oidn"),
+            ("r render --exr-half true", "r render --exr-half true"),
+        ] {
+            assert_eq!(joined(given), wanted);
+        }
     }
 
     #[test]

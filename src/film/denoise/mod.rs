@@ -16,6 +16,12 @@
 
 mod a_trous;
 mod inputs;
+#[cfg(feature = "oidn")]
+mod oidn;
+#[cfg(not(feature = "oidn"))]
+#[path = "no_oidn.rs"]
+mod oidn;
+mod oidn_error;
 mod planes;
 mod regression;
 mod selection;
@@ -26,6 +32,8 @@ use super::Image;
 use crate::lanes::SimdLevel;
 pub use a_trous::{FILTER_REACH, GuideSums, GuidedPicture, Viewpoint};
 pub use inputs::NoisyPicture;
+pub use oidn::Oidn;
+pub use oidn_error::OidnError;
 
 /// The version of denoised pictures. A change of the denoiser that changes a byte raises it.
 pub const DENOISER_VERSION: u32 = 1;

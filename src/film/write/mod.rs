@@ -17,10 +17,11 @@ pub use arrays::each_array;
 pub use beside::picture_files;
 pub use options::{ExrCompression, LayerFormat, PngBits, WriteOptions};
 
-use super::{Image, Look, Picture};
+use super::{Image, Layer, LayerValues, Look, Picture};
 use crate::files::{self, NotWritten};
 use crate::numpy::{Array, Values};
 use ::image::{ExtendedColorType, ImageEncoder, ImageError};
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -118,6 +119,8 @@ pub fn write_picture(
     if !format.holds_layers() {
         beside::write_beside(path, picture, look, options)?;
     }
+    let whole = if format.holds_layers() { with_noisy(picture) } else { Cow::Borrowed(picture) };
+    let picture = &*whole;
     Ok(files::write(path, |file| match format {
         Format::Png => png::write(file, picture, look, options.png_bits),
         Format::Exr => {
@@ -128,6 +131,20 @@ pub fn write_picture(
         Format::Npy => write_npy(file, picture),
         Format::Npz => npz::write(file, picture),
     })?)
+}
+
+/// A picture with the layer `noisy` if another program has denoised it: nothing else promises the noisy picture then.
+fn with_noisy(picture: &Picture) -> Cow<'_, Picture> {
+    const NOISY: &str = "noisy";
+    let is_foreign = picture.denoiser.as_ref().is_some_and(|denoiser| denoiser.starts_with("oidn"));
+    let has_layer = picture.layers.iter().any(|layer| layer.name == NOISY);
+    let Some(noisy) = picture.noisy.as_ref().filter(|_| is_foreign && !has_layer) else {
+        return Cow::Borrowed(picture);
+    };
+    let values = noisy.pixels.as_flattened().to_vec();
+    let mut whole = picture.clone();
+    whole.layers.push(Layer::new(NOISY, LayerValues::Floats { channels: &["R", "G", "B"], values }));
+    Cow::Owned(whole)
 }
 
 /// Encodes a picture as a `.png`: what [`write_picture`] writes to a file of that name, without its layers.

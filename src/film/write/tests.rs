@@ -47,6 +47,21 @@ fn picture() -> Picture {
     }
 }
 
+#[test]
+fn pictures_that_another_program_has_denoised_keep_the_noisy_one() {
+    let folder = tempfile::tempdir().expect("folder");
+    let noisy = image();
+    let of = |denoiser: &str| Picture::new(noisy.clone()).with_denoised(image(), denoiser.into());
+    let write = |name, denoiser| write_to(folder.path(), name, &of(denoiser), WriteOptions::default());
+    let names = |path: &Path| -> Vec<String> {
+        read_exr(path).0.channel_data.list.iter().map(|channel| channel.name.to_string()).collect()
+    };
+    assert_eq!(names(&write("a.exr", "oidn 2.5.1")), ["B", "G", "R", "noisy.B", "noisy.G", "noisy.R"]);
+    assert_eq!(names(&write("b.exr", "raystream 1")), ["B", "G", "R"], "which anyone can have again");
+    write("c.png", "oidn 2.5.1");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 3, "and no file beside a .png");
+}
+
 fn write_to(folder: &Path, name: &str, picture: &Picture, options: WriteOptions) -> PathBuf {
     let path = folder.join(name);
     write_picture(&path, picture, &Look::default(), &options).expect(name);

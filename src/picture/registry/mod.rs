@@ -8,6 +8,7 @@ use super::plugin_options::{OptionError, OptionSpec, PluginOptions, Setting};
 use super::shaders::EXTENSION;
 use super::spec::RenderSpec;
 use crate::engine::PreparedScene;
+use crate::film::{Oidn, OidnError};
 use crate::program::integrator::IntegratorShader;
 use crate::render::recursion::{Recursion, Shader};
 use crate::render::{
@@ -21,8 +22,8 @@ use bytemuck::Pod;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt;
-use std::path::Path;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 /// An error of a plug-in.
 pub type PluginError = Box<dyn Error + Send + Sync>;
@@ -129,6 +130,7 @@ pub struct Registry {
     surfaces: Vec<SurfaceEntry>,
     /// What the pictures of an integrator in WGSL depend on.
     shader: Option<String>,
+    oidn: Arc<LazyOidn>,
 }
 
 #[derive(Clone)]
@@ -148,6 +150,16 @@ struct SurfaceEntry {
     make: Arc<MakeSurface>,
 }
 
+/// The environment variable that names the library of Open Image Denoise.
+const OIDN: &str = "RAYSTREAM_OIDN";
+
+/// The library of Open Image Denoise, loaded when it is first asked for.
+#[derive(Default)]
+struct LazyOidn {
+    file: Option<PathBuf>,
+    opened: OnceLock<Result<Oidn, OidnError>>,
+}
+
 type MakeSurface = dyn Fn(&PluginOptions) -> Result<CodedSurface> + Send + Sync;
 
 impl fmt::Debug for Registry {
@@ -162,7 +174,7 @@ impl fmt::Debug for Registry {
 impl Registry {
     /// The integrators of raystream itself.
     pub fn built_in() -> Self {
-        Self { integrators: Vec::new(), surfaces: Vec::new(), shader: None }
+        Self { integrators: Vec::new(), surfaces: Vec::new(), shader: None, oidn: Arc::default() }
             .with("path", "Path tracing: all light paths (the default)", |params| {
                 let shader = PathShader::new(params.roulette_bounces);
                 let shader = params.indirect_limit.into_iter().fold(shader, PathShader::with_indirect_limit);
@@ -214,6 +226,25 @@ impl Registry {
         });
         self.integrators.push(IntegratorEntry { name, about: about.into(), options: Vec::new(), make });
         self
+    }
+
+    /// The same with a file that is the library of Open Image Denoise. Without one it is that which the environment
+    /// variable `RAYSTREAM_OIDN` names, or the system's. It is loaded for the first picture that asks for it.
+    pub fn with_oidn(self, file: Option<PathBuf>) -> Self {
+        Self { oidn: LazyOidn { file, opened: OnceLock::new() }.into(), ..self }
+    }
+
+    /// The library of Open Image Denoise.
+    ///
+    /// # Errors
+    /// Why it cannot be used.
+    pub fn oidn(&self) -> Result<&Oidn, OidnError> {
+        let LazyOidn { file, opened } = &*self.oidn;
+        let open = || {
+            let named = || std::env::var_os(OIDN).filter(|file| !file.is_empty()).map(PathBuf::from);
+            Oidn::open(file.clone().or_else(named).as_deref())
+        };
+        opened.get_or_init(open).as_ref().map_err(Clone::clone)
     }
 
     /// Replaces the surface of every material with this name, and of every material that asks for a surface of this

@@ -25,7 +25,7 @@ pub use camera::CameraSpec;
 pub use encoding::EncodingSpec;
 pub use file::{FileEntry, Place, file_entries};
 pub use frames::FramesSpec;
-pub use layers::LayerSpec;
+pub use layers::{Denoiser, LayerSpec};
 pub use light::LightSpec;
 pub use loading::LoadingSpec;
 pub use look::LookSpec;

@@ -16,6 +16,8 @@ pub struct SpecOption {
     pub is_list: bool,
     /// The value where none is given, as text.
     pub default: Option<String>,
+    /// The value that its name alone stands for on a command line, if it may stand alone.
+    pub alone: Option<&'static str>,
     /// The only values that it takes, where these are names.
     pub choices: Vec<&'static str>,
     /// Checks one value that is given as text.
@@ -50,7 +52,7 @@ pub(super) fn text(value: &Value) -> Result<String, String> {
 
 /// Reads one value.
 pub(super) fn read_one<F: Form>(value: &Value) -> Result<F::Value, String> {
-    F::read(&text(value)?)
+    F::read_json(value)
 }
 
 /// Reads a list: each element of an array is a value.
@@ -124,6 +126,7 @@ macro_rules! spec_group {
                     value: $crate::picture::spec::option::value_name!($($value)?),
                     is_list: $crate::picture::spec::option::is_list!($kind),
                     default: $crate::picture::spec::option::default_text!($kind $(($form))? $(($default))?),
+                    alone: $crate::picture::spec::option::alone!($($form)?),
                     choices: $crate::picture::spec::option::choices!($($form)?),
                     check: $crate::picture::spec::option::check!($kind $($form)?),
                     schema: $crate::picture::spec::option::schema!($kind $($form)?),
@@ -212,6 +215,15 @@ macro_rules! default_text {
     };
 }
 
+macro_rules! alone {
+    () => {
+        Some("true")
+    };
+    ($form:ty) => {
+        <$form as $crate::picture::spec::form::Form>::ALONE
+    };
+}
+
 macro_rules! choices {
     () => {
         Vec::new()
@@ -279,5 +291,5 @@ macro_rules! json {
 
 pub(super) use spec_group;
 pub(in crate::picture::spec) use {
-    check, choices, default, default_text, field, is_list, json, read, schema, value_name,
+    alone, check, choices, default, default_text, field, is_list, json, read, schema, value_name,
 };

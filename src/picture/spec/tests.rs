@@ -36,6 +36,30 @@ fn what_is_written_is_read_as_the_same_spec() {
 }
 
 #[test]
+fn denoise_is_true_false_or_a_name() {
+    let of = |text: &str| read(&format!(r#"{{ "denoise": {text} }}"#)).map(|spec| spec.layers.denoise);
+    for (texts, wanted, written) in [
+        (["true", "\"true\""], Denoiser::Own, r#"{"denoise":true}"#),
+        (["false", "\"false\""], Denoiser::None, "{}"),
+        (["\"oidn\"", " \"oidn\""], Denoiser::Oidn, r#"{"denoise":"oidn"}"#),
+    ] {
+        assert_eq!(texts.map(|text| of(text).expect(text)), [wanted; 2]);
+        let mut spec = RenderSpec::default();
+        spec.layers.denoise = wanted;
+        assert_eq!(serde_json::to_string(&spec).expect("JSON"), written);
+        assert_eq!(spec.aovs().is_denoised(), wanted != Denoiser::None);
+    }
+    assert_eq!(
+        RenderSpec::default().canonical()["denoise"],
+        false,
+        "as it was: stored requests keep their hash"
+    );
+    let error = of("1").expect_err("a number");
+    assert!(error.starts_with("denoise: is true, false or \"oidn\", not 1"), "{error}");
+    assert!(of("\"optix\"").expect_err("a name").starts_with("denoise: ask for true"));
+}
+
+#[test]
 fn typed_values_and_texts_are_the_same() {
     let typed = read(
         r#"{ "size": [8, 4], "spp": 3, "eye": [1, 2.5, -3], "aov": ["z"], "seconds": 0.5, "png-bits": 16 }"#,

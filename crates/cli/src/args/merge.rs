@@ -1,7 +1,7 @@
 //! `raystream merge`.
 
-use super::SpecArgs;
 use super::scene::bytes;
+use super::{OidnArgs, SpecArgs};
 use clap::Args;
 use raystream::film::Region;
 use raystream::memory::MemoryBudget;
@@ -33,6 +33,9 @@ pub struct MergeArgs {
     /// The encoding of the picture.
     #[command(flatten)]
     pub encoding: SpecArgs<EncodingSpec>,
+    /// The library of a denoiser.
+    #[command(flatten)]
+    pub oidn: OidnArgs,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,

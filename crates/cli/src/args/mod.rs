@@ -4,6 +4,7 @@ mod bench;
 mod compare;
 mod doctor;
 mod merge;
+mod oidn;
 mod render;
 mod reporting;
 mod saving;
@@ -21,6 +22,7 @@ pub use bench::{
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use merge::MergeArgs;
+pub use oidn::OidnArgs;
 pub use render::RenderArgs;
 pub use reporting::{ProgressForm, ReportingArgs, viewer};
 pub use saving::SaveArgs;

@@ -1,6 +1,6 @@
 //! `raystream render`.
 
-use super::{MemoryArgs, ReportingArgs, SaveArgs, SpecArgs, UnitArgs};
+use super::{MemoryArgs, OidnArgs, ReportingArgs, SaveArgs, SpecArgs, UnitArgs};
 use clap::Args;
 use raystream::picture::RenderSpec;
 use std::path::{Path, PathBuf};
@@ -50,6 +50,9 @@ pub struct RenderArgs {
     /// The most memory.
     #[command(flatten)]
     pub memory: MemoryArgs,
+    /// The library of a denoiser.
+    #[command(flatten)]
+    pub oidn: OidnArgs,
     /// The units that trace.
     #[command(flatten)]
     pub units: UnitArgs,

@@ -45,11 +45,16 @@ fn arguments<G: SpecGroup>() -> impl Iterator<Item = SpecOption> {
 }
 
 fn argument(option: SpecOption) -> Arg {
-    let SpecOption { name, help, value, is_list, default, choices, check, .. } = option;
+    let SpecOption { name, help, value, is_list, default, alone, choices, check, .. } = option;
     let arg = Arg::new(name).long(name).help(help.trim_end_matches('.').to_owned());
     let Some(value) = value else { return arg.action(ArgAction::SetTrue) };
     let arg = arg.value_name(value).action(if is_list { ArgAction::Append } else { ArgAction::Set });
     let arg = default.into_iter().fold(arg, Arg::default_value);
+    if let Some(alone) = alone {
+        // A word behind it is the scene; `options_file::expand` joins values to their option.
+        let arg = arg.num_args(0..=1).require_equals(true).default_missing_value(alone);
+        return arg.value_parser(move |text: &str| check(text).map(|()| text.to_owned()));
+    }
     if !choices.is_empty() {
         return arg.value_parser(PossibleValuesParser::new(choices));
     }

@@ -72,7 +72,7 @@ pub fn run(
         }
         let shot = shots.pop_front().expect("the queue is not empty");
         splats.add(&shot);
-        let written = shot.write(args, animation, &viewer)?;
+        let written = shot.write(args, animation, &viewer, &mut totals)?;
         if let Some(finished) = &mut finished {
             note(finished, &shot.camera, &written);
             shot.clean_up();

@@ -55,7 +55,8 @@ fn render(args: &RenderArgs, registry: &Registry, progress: &mut Progress) -> Re
     args.picture_path().map_or(Ok(()), |path| Format::of(path).map(drop))?;
     let outputs = check_files(args, &Animation::check(args)?)?;
     check_checkpoint(args)?;
-    let checked = CheckedSpec::new((*args.spec).clone(), registry)?;
+    let checked = CheckedSpec::new((*args.spec).clone(), &args.oidn.registry(registry))?;
+    args.picture_path().map_or(Ok(()), |_| checked.check_denoiser())?;
     if let Some(path) = &args.timeline {
         timeline::Format::of(path)?;
     }

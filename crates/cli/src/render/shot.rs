@@ -1,6 +1,7 @@
 //! A frame of an animation while it is rendered.
 
 use super::animation::Animation;
+use super::still::kept_noise;
 use super::totals::Totals;
 use super::viewer::Viewer;
 use super::{checkpoint, expose, insist, partial};
@@ -107,7 +108,13 @@ impl Shot {
     }
 
     /// Writes the picture of a complete frame, and its partial film.
-    pub fn write(&self, args: &RenderArgs, animation: &Animation<'_>, viewer: &Viewer) -> Result<FrameStats> {
+    pub fn write(
+        &self,
+        args: &RenderArgs,
+        animation: &Animation<'_>,
+        viewer: &Viewer,
+        totals: &mut Totals,
+    ) -> Result<FrameStats> {
         let rendering = &self.rendering;
         let mean_spp = mean_samples(&self.picture);
         // Whoever adds up partial films removes the noise of their sum.
@@ -115,6 +122,7 @@ impl Shot {
             Some(_) => rendering.developed(&self.picture, &self.camera),
             None => rendering.developed_noisy(&self.picture, &self.camera),
         };
+        totals.events.lack(kept_noise(&picture).map(|told| format!("frame {}: {told}", self.frame)));
         let (look, options) = (args.spec.look.look(), args.spec.encoding.options());
         viewer.show(&animation.subject(self.frame), &picture);
         if let Some(file) = animation.picture(self.frame) {

@@ -103,6 +103,12 @@ fn finished(
     }
 }
 
+/// Sentence about a picture that has its noise although it was to be removed.
+pub(super) fn kept_noise(picture: &Picture) -> Option<String> {
+    let why = picture.kept_noise.as_ref()?;
+    Some(format!("{why}; the picture is written with its noise"))
+}
+
 /// Writes and prints the statistics.
 fn report(args: &RenderArgs, stats: &RenderStats, events: &Events) -> Result<Outcome> {
     if let Some(path) = &args.stats {
@@ -201,18 +207,19 @@ fn image_stats(args: &RenderArgs, frame: &Progressive<AnyIntegrator>, picture: &
     }
 }
 
-/// Writes the checkpoint and the picture at the end. Returns what became of a checkpoint that cannot be written.
+/// Writes the checkpoint and the picture at the end. Returns what became of a checkpoint that cannot be written, and of
+/// noise that cannot be removed.
 fn save_last(
     args: &RenderArgs,
     checkpoint: Option<&Checkpoint>,
     frame: &Progressive<AnyIntegrator>,
     picture: &Picture,
-) -> Result<Option<String>> {
+) -> Result<Vec<String>> {
     // The checkpoint first: a resumed frame never has fewer samples than the picture that it replaces.
     let kept = checkpoint.map_or(Ok(()), |checkpoint| insist(|| checkpoint.write(frame)));
     insist(|| write(args, picture))?;
     let told = |error| format!("{error}; a run that resumes starts from an earlier checkpoint or anew");
-    Ok(kept.err().map(told))
+    Ok(kept.err().map(told).into_iter().chain(kept_noise(picture)).collect())
 }
 
 fn summarise(

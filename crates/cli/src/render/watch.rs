@@ -1,5 +1,6 @@
 //! `render --watch`: shaders that are edited while the picture is rendered.
 
+use super::still::kept_noise;
 use super::viewer::Viewer;
 use crate::Outcome;
 use crate::args::RenderArgs;
@@ -40,7 +41,8 @@ pub fn run(
     loop {
         let prepared = changed.as_ref().unwrap_or(&setup.prepared);
         let next = integrator.with_scene(&prepared.scene);
-        let watching = Watching { args, setup, prepared, path, shaders: &mut shaders, viewer: &viewer };
+        let shaders = &mut shaders;
+        let watching = Watching { args, setup, rendering, prepared, path, shaders, viewer: &viewer };
         let Some(scene) = watching.render(integrator, progress)? else { return Ok(Outcome::Done) };
         let prepared = prepared.with_scene(scene)?;
         integrator = next.with_scene(&prepared.scene);
@@ -51,6 +53,7 @@ pub fn run(
 struct Watching<'a> {
     args: &'a RenderArgs,
     setup: &'a Setup,
+    rendering: &'a Rendering,
     prepared: &'a PreparedScene,
     path: &'a Path,
     shaders: &'a mut Shaders,
@@ -60,17 +63,22 @@ struct Watching<'a> {
 impl Watching<'_> {
     /// Renders until Ctrl-C, or until a shader changes: then returns the new scene.
     fn render(self, integrator: AnyIntegrator, progress: &mut Progress) -> Result<Option<Scene>> {
-        let Self { args, setup, prepared, path, shaders, viewer } = self;
+        let Self { args, setup, rendering, prepared, path, shaders, viewer } = self;
         let name = path.display().to_string();
         let interval = args.saving.interval().unwrap_or(Duration::from_secs(2));
         let tiles = integrator.frame().tiles();
         let mut frame = Progressive::new(integrator, PassOptions::default().with_pass_time(PASS_TIME));
         progress.begin(tiles, 0, None);
+        let finished = |frame: &Progressive<AnyIntegrator>| {
+            let picture = rendering.denoised(frame);
+            kept_noise(&picture).into_iter().for_each(|told| log::warn!("{told}"));
+            picture
+        };
         let (started, mut saved) = (Instant::now(), None::<Instant>);
         let mut is_complete = false;
         loop {
             if interrupt::requested() {
-                write(args, path, &frame.develop_denoised(setup.service.host_threads()))?;
+                write(args, path, &finished(&frame))?;
                 return Ok(None);
             }
             if let Some(changed) = shaders.changed(&prepared.scene) {
@@ -99,7 +107,7 @@ impl Watching<'_> {
             if is_complete || saved.is_none_or(|time| time.elapsed() >= interval) {
                 // Noise is removed once, from the finished picture.
                 let picture = match is_complete {
-                    true => frame.develop_denoised(setup.service.host_threads()),
+                    true => finished(&frame),
                     false => frame.develop(),
                 };
                 write(args, path, &picture)?;

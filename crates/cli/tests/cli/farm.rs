@@ -130,6 +130,26 @@ fn a_picture_is_denoised_to_the_same_bytes_and_keeps_its_hash() {
     assert!(told.contains("needs at least 2 samples per pixel"), "{told}");
 }
 
+#[test]
+fn open_image_denoise_is_needed_by_whoever_writes_the_picture_alone() {
+    let folder = folder();
+    let folder = folder.path();
+    let oidn = &["--denoise", "oidn", "--oidn", "nowhere.so"][..];
+    let render = |scene: &str| [&["render", scene, "--size", "8x8", "--spp", "2"], oidn].concat().join("\n");
+    let told = |arguments: &str, code| run(folder, &arguments.split('\n').collect::<Vec<_>>(), code);
+    let refused = told(&render("no-scene.json"), 2);
+    assert!(refused.contains("nowhere.so can be loaded; install Open Image Denoise 2, or"), "{refused}");
+    assert!(!folder.join("out.png").exists());
+    std::fs::write(folder.join("text.so"), "no library").expect("a file");
+    let refused = told(&render("no-scene.json").replace("nowhere", "text"), 2);
+    assert!(refused.contains("text.so can be loaded"), "{refused}");
+    // A part is written without it, and merged with it.
+    told(&(render(&shipped("cornell.json")) + "\n--partial\na.rayfilm"), 0);
+    let refused = told("merge\na.rayfilm\n--oidn\nnowhere.so", 2);
+    assert!(refused.contains("nowhere.so can be loaded"), "{refused}");
+    told("merge\na.rayfilm\n--oidn\nnowhere.so\n--partial\nb.rayfilm", 0);
+}
+
 fn pixels(path: &Path) -> (Vec<u64>, Vec<f32>) {
     let bytes = std::fs::read(path).expect("picture");
     let npy = npyz::NpyFile::new(&bytes[..]).expect("header");

@@ -64,6 +64,20 @@ fn a_job_has_the_bytes_of_the_command_line() {
 }
 
 #[test]
+fn open_image_denoise_is_refused_where_the_service_lacks_it() {
+    let data = folder();
+    let service = Service::start(data.path(), &["--oidn", "nowhere.so"]);
+    let scene = service.upload_file(&shipped("cornell.json"));
+    let ask = |denoise| json!({ "scene": scene, "size": "8x8", "spp": 2, "denoise": denoise });
+    let answer = service.post("/api/v1/jobs", &ask(json!("oidn")));
+    assert_eq!(answer.status, 422);
+    let told = answer.json()["detail"].as_str().expect("a detail").to_owned();
+    assert!(told.contains("--denoise oidn") && told.contains("no library"), "{told}");
+    assert_eq!(service.post("/api/v1/jobs", &ask(json!("optix"))).status, 422);
+    assert_eq!(service.post("/api/v1/jobs", &ask(json!("true"))).status, 202);
+}
+
+#[test]
 fn jobs_are_steered_and_followed() {
     let data = folder();
     let service = Service::start(data.path(), &[]);

@@ -138,8 +138,11 @@ impl RenderBackend {
     /// What is wrong with an option.
     pub fn check(&self, spec: &RenderSpec, scene: &Path, folder: &Path) -> Result<JobCost, String> {
         check_camera(spec).map_err(|error| error.to_string())?;
-        let checked = self.checked(spec, scene, folder);
-        checked.map(|checked| JobCost::of(checked.spec())).map_err(|error| with_causes(&error))
+        let checked = self.checked(spec, scene, folder).and_then(|checked| {
+            checked.check_denoiser()?;
+            Ok(JobCost::of(checked.spec()))
+        });
+        checked.map_err(|error| with_causes(&error))
     }
 
     /// Looks whether a scene can be read, in a process of its own whose memory and time are limited. Returns the number

@@ -3,7 +3,7 @@
 use super::ledger::{Job, priority};
 use crate::backend::StopRule;
 use crate::contract::{Problem, hex};
-use raystream::picture::{RenderSpec, SpecGroup};
+use raystream::picture::{Denoiser, RenderSpec, SpecGroup};
 use raystream::render::PICTURE_VERSION;
 use raystream::schedule::Priority;
 use serde::de::{DeserializeOwned, Error};
@@ -129,9 +129,9 @@ impl JobRequest {
         serde_json::from_str(&job.request).ok()
     }
 
-    /// True if the pictures of a demand are a function of the request.
-    pub fn is_function(kind: StopRule) -> bool {
-        kind != StopRule::Seconds
+    /// True if the pictures of a demand are a function of the request: neither time nor OIDN decides on them.
+    pub fn is_function(&self, kind: StopRule) -> bool {
+        kind != StopRule::Seconds && self.spec.layers.denoise != Denoiser::Oidn
     }
 }
 

@@ -6,7 +6,7 @@ mod range;
 mod text;
 mod vector;
 
-pub use name::{Bits, Compression, LayerFormatName, Stops, ViewName};
+pub use name::{Bits, Compression, DenoiserName, LayerFormatName, Stops, ViewName};
 pub use number::{Angle, Count, Error, Kelvin, Plain, Positive, Rate, Samples, Seconds, Seed, Span, Time};
 pub use range::{Frames, SampleRange};
 pub use text::{File, Own, Text};
@@ -26,6 +26,14 @@ pub trait Form {
     /// How to write it.
     fn read(text: &str) -> Result<Self::Value, String>;
 
+    /// Reads it from JSON.
+    ///
+    /// # Errors
+    /// How to write it.
+    fn read_json(value: &Value) -> Result<Self::Value, String> {
+        Self::read(&super::option::text(value)?)
+    }
+
     /// Writes it as text, which [`Form::read`] reads as the same value.
     fn text(value: &Self::Value) -> String;
 
@@ -38,6 +46,9 @@ pub trait Form {
     fn schema() -> Value {
         json!({ "type": "string" })
     }
+
+    /// The value that the option's name alone stands for on a command line, as text, if it may stand alone.
+    const ALONE: Option<&'static str> = None;
 
     /// The only values, where these are names.
     fn choices() -> Vec<&'static str> {

@@ -1,5 +1,6 @@
 //! Values that have names, or a few choices.
 
+use super::super::Denoiser;
 use super::{Form, number, number_schema};
 use crate::film::{Exposure, ExrCompression, LayerFormat, PngBits, View};
 use serde_json::{Value, json};
@@ -79,6 +80,53 @@ names! {
     Compression: ExrCompression;
     /// A format of layers' files.
     LayerFormatName: LayerFormat;
+}
+
+/// `true`, `false`, or `oidn`.
+#[derive(Debug)]
+pub struct DenoiserName;
+
+impl Form for DenoiserName {
+    type Value = Denoiser;
+
+    const ALONE: Option<&'static str> = Some("true");
+
+    fn read(text: &str) -> Result<Denoiser, String> {
+        match text {
+            "false" => Ok(Denoiser::None),
+            "true" => Ok(Denoiser::Own),
+            "oidn" => Ok(Denoiser::Oidn),
+            _ => Err("ask for true (raystream's own filter), oidn or false".into()),
+        }
+    }
+
+    fn read_json(value: &Value) -> Result<Denoiser, String> {
+        match value {
+            Value::Bool(value) => Self::read(&value.to_string()),
+            Value::String(text) => Self::read(text),
+            other => Err(format!("is true, false or \"oidn\", not {other}")),
+        }
+    }
+
+    fn text(value: &Denoiser) -> String {
+        match value {
+            Denoiser::None => "false".into(),
+            Denoiser::Own => "true".into(),
+            Denoiser::Oidn => "oidn".into(),
+        }
+    }
+
+    fn json(value: &Denoiser) -> Value {
+        match value {
+            Denoiser::None => false.into(),
+            Denoiser::Own => true.into(),
+            Denoiser::Oidn => "oidn".into(),
+        }
+    }
+
+    fn schema() -> Value {
+        json!({ "enum": [false, true, "false", "true", "oidn"] })
+    }
 }
 
 /// 8 or 16.

@@ -1,6 +1,6 @@
 //! Arguments of the service and of the commands that talk to it.
 
-use crate::args::{SceneArgs, SpecArgs, UnitArgs};
+use crate::args::{OidnArgs, SceneArgs, SpecArgs, UnitArgs};
 use crate::logging::{FORMAT, LogFormat};
 use clap::parser::ValueSource;
 use clap::{Args, FromArgMatches};
@@ -88,6 +88,9 @@ pub struct ServeArgs {
     /// How long the copy of a scene stays after it was last used, for tests.
     #[arg(long, value_name = "TIME", hide = true, default_value = "10m", value_parser = time)]
     pub storage_rest: Duration,
+    /// The library of a denoiser.
+    #[command(flatten)]
+    pub oidn: OidnArgs,
     /// Show finished pictures, and live views that rest, in tev; tev listens at port 14158.
     #[arg(long, value_name = "HOST:PORT", alias = "display-server")]
     pub tev: Option<String>,

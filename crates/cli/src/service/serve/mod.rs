@@ -33,6 +33,7 @@ fn backend(registry: Registry, args: &ServeArgs) -> Result<Arc<RenderBackend>> {
     let loaded = LoadedScenes::new(&args.data, args.max_unpacked);
     let units = shared_units(&args.units, SCHEDULED)?;
     let viewer = args.tev.as_deref().map(viewer).transpose()?.map(Arc::new);
+    let registry = args.oidn.registry(&registry);
     Ok(Arc::new(RenderBackend::new(registry, units, args.memory, loaded).with_viewer(viewer)))
 }
 

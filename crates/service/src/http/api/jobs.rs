@@ -87,7 +87,7 @@ fn accept(
 ) -> Result<Response, Problem> {
     let (priority, demand) = check(state, caller, &mut request)?;
     let request_hash = request.hash();
-    let is_function = JobRequest::is_function(demand.kind);
+    let is_function = request.is_function(demand.kind);
     let may_share = is_function && !is_fresh && idempotency_key.is_none();
     let webhook = request.webhook.take();
     let mut shared_after = may_share.then_some(0);
