@@ -1,5 +1,5 @@
-//! Measures how long a scene takes to check, to prepare, and to prepare again with another appearance: material, lamp,
-//! light, environment, alpha, camera.
+//! Measures how long a scene takes to load, to check, to prepare, and to prepare again with another appearance:
+//! material, lamp, light, environment, alpha, camera.
 //!
 //! `cargo run --release --example appearances -- [SCENE]`
 
@@ -56,15 +56,19 @@ fn milliseconds<T>(mut work: impl FnMut() -> Result<T>) -> Result<Spread> {
 
 fn main() -> Result<()> {
     let scene = std::env::args().nth(1).unwrap_or_else(|| "scenes/showcase.json".into());
-    let scene = Arc::new(load::load(&scene)?);
+    let file = scene;
+    let scene = Arc::new(load::load(&file)?);
     let units = Units::cpu();
     let settings = Settings::new(1280, 720).with_spp(16).with_max_bounces(8);
     let camera = scene.camera.unwrap_or_else(|| Camera::framing(&scene.bounds(), 16.0 / 9.0));
-    println!("{} triangles, {} materials", scene.mesh.triangles.len(), scene.materials.len());
+    let (triangles, materials) = (scene.mesh.triangles.len(), scene.materials.len());
+    println!("{triangles} triangles, {materials} materials, fingerprint {}", scene.fingerprint());
     println!("{:<36} {:>8} {:>8} {:>8}", "ms", "median", "best", "worst");
     let row = |name: &str, Spread { median, best, worst }: Spread| {
         println!("{name:<36} {median:>8.2} {best:>8.2} {worst:>8.2}");
     };
+    row("load", milliseconds(|| Ok(load::load(&file)?))?);
+    row("Scene::is_lit_by_surfaces", milliseconds(|| Ok(scene.is_lit_by_surfaces()))?);
     row("Scene::validate", milliseconds(|| Ok(scene.validate()?))?);
     row("PreparedScene::new", milliseconds(|| Ok(PreparedScene::new(scene.clone(), &units)?))?);
     let prepared = PreparedScene::new(scene, &units)?;

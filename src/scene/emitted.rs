@@ -2,7 +2,7 @@
 
 use super::{Camera, Emission, Projection, Scene, Surface, TextureRef};
 use crate::geom::{Aabb, Basis, CanonicalRay, warp};
-use crate::lanes::Num;
+use crate::lanes::{Num, each};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -42,7 +42,7 @@ impl Scene {
     /// and one direction whether it leads out of the scene. Neither lamps that shine past the scene nor glowing badges
     /// light it. All threads of rayon's pool take part; the answer does not depend on them.
     pub fn is_lit_by_surfaces(&self) -> bool {
-        let (emitters, area) = self.emitters();
+        let emitters = self.emitters();
         let Some(power) = emitters.last().map(|last| last.sum) else { return false };
         let camera = self.camera.unwrap_or_else(|| Camera::framing(&self.bounds(), 1.0));
         let (blocks, boxes) = (self.blocks(), self.boxes());
@@ -78,29 +78,40 @@ impl Scene {
         // Each point samples all emitters by their power: luminance cancels, which leaves the power of all.
         let direct: f64 =
             direct.map(|(&(_, share), _)| (f64::from(share) * power).min(MOST_AT_A_POINT)).sum();
-        let leaving = self.nearest(&outwards, &blocks, &boxes).into_iter().filter(Option::is_none).count();
         let points = f64::from(points);
-        direct / points >= LEAST_DIRECT
-            || (power / area >= LEAST_EMISSION && leaving as f64 / points <= MOST_LEAVING)
+        if direct / points >= LEAST_DIRECT {
+            return true;
+        }
+        let leaving = self.nearest(&outwards, &blocks, &boxes).into_iter().filter(Option::is_none).count();
+        leaving as f64 / points <= MOST_LEAVING && power / self.area() >= LEAST_EMISSION
     }
 
-    /// The triangles that are meant as lights and emit, and the area of all triangles.
-    fn emitters(&self) -> (Vec<Emitter>, f64) {
-        let (mut list, mut power, mut area) = (Vec::new(), 0.0, 0.0);
-        for (primitive, &material) in (0..).zip(&self.mesh.materials) {
-            let [a, b, c] = self.mesh.corners(primitive).map(Vec3::as_dvec3);
-            let own = 0.5 * DVec3::length((b - a).cross(c - a));
-            area += own;
-            let Some(emission) = self.materials[material as usize].emission.filter(|of| of.is_light) else {
-                continue;
-            };
+    /// The area of all triangles.
+    fn area(&self) -> f64 {
+        (0..self.mesh.triangles.len() as u32).map(|primitive| self.area_of(primitive)).sum()
+    }
+
+    /// The area of a triangle.
+    fn area_of(&self, primitive: u32) -> f64 {
+        let [a, b, c] = each(self.mesh.corners(primitive), Vec3::as_dvec3);
+        0.5 * DVec3::length((b - a).cross(c - a))
+    }
+
+    /// The triangles that are meant as lights and emit.
+    fn emitters(&self) -> Vec<Emitter> {
+        let emits: Vec<bool> =
+            self.materials.iter().map(|of| of.emission.is_some_and(|of| of.is_light)).collect();
+        let (mut list, mut power) = (Vec::new(), 0.0);
+        for (primitive, &material) in (0..).zip(&self.mesh.materials).filter(|(_, of)| emits[**of as usize]) {
+            let Some(emission) = self.materials[material as usize].emission else { continue };
+            let own = self.area_of(primitive);
             let luminance = self.luminance(primitive, &emission);
             if own > 0.0 && luminance > 0.0 {
                 power += own * f64::from(luminance);
                 list.push(Emitter { primitive, sum: power, two_sided: emission.two_sided });
             }
         }
-        (list, area)
+        list
     }
 
     /// Luminance of what a triangle emits in its middle.

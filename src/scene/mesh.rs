@@ -123,9 +123,11 @@ impl TriangleMesh {
         Self { positions, triangles, materials, ..Self::default() }
     }
 
-    /// The bounding box of all vertices that triangles use.
+    /// The bounding box of all vertices that triangles use. All threads of rayon's pool take part.
     pub fn bounds(&self) -> Aabb {
-        Aabb::around(self.triangles.iter().flatten().map(|&i| self.positions[i as usize]))
+        let around =
+            |some: &[[u32; 3]]| Aabb::around(some.iter().flatten().map(|&i| self.positions[i as usize]));
+        self.triangles.par_chunks(CHUNK).map(around).reduce(|| Aabb::EMPTY, Aabb::union)
     }
 
     /// Bytes of all attributes and indices.

@@ -16,14 +16,26 @@ pub(super) struct Dropped {
 impl Dropped {
     /// The position itself, or NaN for one that no face may use. `place` says where it is.
     pub(super) fn checked(&mut self, position: Vec3, place: impl FnOnce() -> String) -> Vec3 {
-        // The comparison fails for NaN, too.
-        if position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
+        if is_allowed(&position) {
             return position;
         }
         self.vertices += 1;
         let [x, y, z] = position.to_array();
         self.first.get_or_insert_with(|| format!("{} at ({x:?}, {y:?}, {z:?})", place()));
         Vec3::NAN
+    }
+
+    /// True if no vertex has been dropped.
+    #[cfg(feature = "formats")]
+    pub(super) fn is_empty(&self) -> bool {
+        self.vertices == 0
+    }
+
+    /// True if faces may use all these positions.
+    #[cfg(feature = "formats")]
+    pub(super) fn drops_none_of(positions: &[Vec3]) -> bool {
+        // Folding instead of stopping early lets the compiler use vectors.
+        positions.iter().fold(true, |all, position| all & is_allowed(position))
     }
 
     /// True if a face is to be dropped because it has one of these positions.
@@ -45,4 +57,10 @@ impl Dropped {
             self.vertices, self.faces
         ));
     }
+}
+
+/// True if faces may use a position.
+fn is_allowed(position: &Vec3) -> bool {
+    // The comparison fails for NaN, too.
+    position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all()
 }

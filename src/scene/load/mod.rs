@@ -76,9 +76,13 @@ use super::mip_weights::Mipmaps;
 use super::recipe::{Recipe, RecipeError};
 use crate::memory::OutOfMemory;
 use kind::Kind;
+#[cfg(unix)]
+use rayon::prelude::*;
 use session::Session;
 use std::fs::File;
 use std::io::Read;
+#[cfg(unix)]
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 #[cfg(feature = "formats")]
 use std::path::PathBuf;
@@ -220,8 +224,27 @@ fn quote(text: &str) -> String {
 fn read(path: &Path, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
     let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
     let file = File::open(path).map_err(cannot)?;
-    let length = file.metadata().map_err(cannot)?.len();
-    contents(path, file, length, u64::MAX, options)
+    let about = file.metadata().map_err(cannot)?;
+    #[cfg(unix)]
+    if about.is_file() && options.memory.check("the file", about.len()).is_ok() {
+        // Whatever is wrong is told below.
+        if let Some(bytes) = read_by_all(&file, about.len()) {
+            return Ok(bytes);
+        }
+    }
+    contents(path, file, about.len(), u64::MAX, options)
+}
+
+/// Reads a large file, which the threads of rayon's pool share: most of the time goes into memory that is new. `None`
+/// if it is small, cannot be read or changes its size meanwhile.
+#[cfg(unix)]
+fn read_by_all(file: &File, length: u64) -> Option<Vec<u8>> {
+    const PART: usize = 1 << 21;
+    let length = usize::try_from(length).ok().filter(|length| *length > 2 * PART)?;
+    let mut bytes: Vec<u8> = bytemuck::allocation::try_zeroed_vec(length).ok()?;
+    let parts = bytes.par_chunks_mut(PART).enumerate();
+    parts.try_for_each(|(part, bytes)| file.read_exact_at(bytes, (part * PART) as u64)).ok()?;
+    (file.metadata().ok()?.len() == length as u64).then_some(bytes)
 }
 
 /// Reads the first `most` bytes of a file that a scene names. It must be a regular file: others may never end, or
@@ -279,4 +302,24 @@ fn check_text(path: &Path, bytes: &[u8]) -> Result<(), LoadProblem> {
 fn beside(file: &Path, name: &str) -> PathBuf {
     let name = name.replace('\\', "/");
     file.parent().unwrap_or(Path::new("")).join(name)
+}
+
+#[cfg(all(test, unix, feature = "formats"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_files_are_read_by_all_threads() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("file");
+        let bytes: Vec<u8> = (0..5_000_001_u32).map(|i| crate::geom::mix(i) as u8).collect();
+        for (length, is_large) in [(0, false), (1 << 22, false), (bytes.len(), true)] {
+            std::fs::write(&path, &bytes[..length]).expect("written");
+            let file = File::open(&path).expect("there");
+            assert_eq!(read_by_all(&file, length as u64).is_some(), is_large);
+            assert!(read_by_all(&file, length as u64 + 1).is_none(), "a file that has become shorter");
+            let read = read(&path, &LoadOptions::default()).expect("readable");
+            assert!(read == bytes[..length], "{length} bytes");
+        }
+    }
 }

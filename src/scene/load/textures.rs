@@ -1,16 +1,20 @@
 //! The textures of a scene while it is loaded. Each image is decoded once. Uses of an image in different colour
 //! spaces or addressing modes are textures that share its texels.
 
-use super::LoadProblem;
-use super::decode::decode;
+use super::decode::{ImageSize, decode};
 use super::session::Session;
+use super::{LoadProblem, read_named};
 use crate::lanes::for_pairs_mut;
+use crate::memory::OutOfMemory;
 use crate::scene::mip_weights::Mipmaps;
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
 use image::DynamicImage;
+use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The source of an image.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -103,6 +107,34 @@ impl Images {
     }
 }
 
+/// An image that will be asked for.
+pub(super) struct Wanted<'a> {
+    pub(super) source: Source,
+    /// Its name in warnings.
+    pub(super) name: String,
+    /// Its file, if it lies in another.
+    pub(super) bytes: Option<&'a [u8]>,
+}
+
+impl Wanted<'_> {
+    /// The decoded image. `None` if there is none: whoever asks for it finds out why.
+    fn decoded(
+        &self,
+        session: &Session,
+        afford: impl FnOnce(ImageSize) -> Result<(), OutOfMemory>,
+    ) -> Option<Pixels> {
+        let bytes = match (&self.source, self.bytes) {
+            (_, Some(bytes)) => Cow::Borrowed(bytes),
+            (Source::File(path), None) if session.options.allows(path) => {
+                Cow::Owned(read_named(path, u64::MAX, &session.options).ok()?)
+            }
+            _ => return None,
+        };
+        let decoded = decode(&bytes, Path::new(&self.name), afford).ok()?;
+        Some(Pixels::new(self.name.clone(), decoded))
+    }
+}
+
 /// All images and textures so far.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
@@ -117,6 +149,26 @@ impl Textures {
     /// No textures yet, of images that need not be decoded again.
     pub(super) fn of_images(decoded: Images) -> Self {
         Self { decoded, ..Self::default() }
+    }
+
+    /// Decodes images that will be asked for, which all threads of rayon's pool share, as far as they fit the memory
+    /// together.
+    pub(super) fn decode_ahead(&mut self, session: &Session, mut wanted: Vec<Wanted>) {
+        wanted.retain(|image| !self.decoded.by_source.contains_key(&image.source));
+        if wanted.len() < 2 {
+            return;
+        }
+        let taken = AtomicU64::new(0);
+        let afford = |size: ImageSize| {
+            let bytes = size.bytes + WORKING_BYTES * size.texels();
+            let all = taken.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
+            session.check(size.to_string(), all)
+        };
+        let decoded = wanted.into_par_iter().with_max_len(1).filter_map(|image| {
+            let pixels = image.decoded(session, &afford)?;
+            Some((image.source, Arc::new(pixels)))
+        });
+        self.decoded.by_source.extend(decoded.collect::<Vec<_>>());
     }
 
     /// The index of an image. The image is decoded if it is new; `bytes` reads its file in that case only. `name` is

@@ -26,6 +26,7 @@
 //! ```
 
 mod assembled;
+mod fractal;
 mod material;
 mod mix;
 mod object;

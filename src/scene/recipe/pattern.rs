@@ -1,8 +1,8 @@
 //! Generated textures.
 
+use super::fractal::Fractal;
 use super::{positive, within};
 use crate::scene::{ColourSpace, Mipmap, Texture, Wrap};
-use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use rayon::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ impl Pattern {
             Self::Tiles { colours, cells, joint } => {
                 within("cells", *cells, 1, 64)?;
                 within("joint", *joint, 0.0, 0.5)?;
-                let stain = Fbm::<Perlin>::new(7).set_octaves(5);
+                let stain = Fractal::new(7, 5, 1.0);
                 texels(|u, v| {
                     let (x, y) = (u * f64::from(*cells), v * f64::from(*cells));
                     let edge = f64::from(*joint) * 0.5;
@@ -75,7 +75,7 @@ impl Pattern {
                     }
                     let tile = crate::geom::mix(x as u32 * 131 + y as u32);
                     let shade = 0.88 + 0.12 * f64::from(tile >> 8) / f64::from(1 << 24);
-                    let stain = 1.0 + 0.10 * stain.get([x * 1.7 + f64::from(tile % 97), y * 1.7]);
+                    let stain = 1.0 + 0.10 * stain.at_2d([x * 1.7 + f64::from(tile % 97), y * 1.7]);
                     colours[0].map(|c| f64::from(c) * shade * stain)
                 })
             }
@@ -91,13 +91,13 @@ impl Pattern {
             Self::Wood { colours, rings } => {
                 positive("rings", *rings)?;
                 within("rings", *rings, 0.0, 1e3)?;
-                let bend = Fbm::<Perlin>::new(3).set_octaves(3);
-                let fibre = Fbm::<Perlin>::new(11).set_octaves(4);
+                let bend = Fractal::new(3, 3, 1.0);
+                let fibre = Fractal::new(11, 4, 1.0);
                 texels(|u, v| {
-                    let (x, y) = (u + 0.3 + 0.05 * bend.get([u * 2.0, v * 0.7]), 0.15 * v);
+                    let (x, y) = (u + 0.3 + 0.05 * bend.at_2d([u * 2.0, v * 0.7]), 0.15 * v);
                     let ring = (x * x + y * y).sqrt() * rings;
                     let late = libm::pow(ring - libm::floor(ring), 3.0);
-                    let fine = 1.0 + 0.10 * fibre.get([u * 140.0, v * 6.0]);
+                    let fine = 1.0 + 0.10 * fibre.at_2d([u * 140.0, v * 6.0]);
                     std::array::from_fn(|c| {
                         let (early, end) = (f64::from(colours[0][c]), f64::from(colours[1][c]));
                         (early + (end - early) * late) * fine

@@ -1,9 +1,9 @@
 //! Generated shapes. Shared edges have the same vertex positions to the bit, so bodies are watertight.
 
+use super::fractal::Fractal;
 use super::{positive, readable, within};
 use crate::scene::{MeshSize, TriangleMesh};
 use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
-use noise::{Fbm, MultiFractal, NoiseFn, Perlin};
 use rayon::prelude::*;
 use serde::Deserialize;
 use std::f32::consts::TAU;
@@ -120,9 +120,9 @@ impl FractalNoise {
                 readable(self.frequency)
             ));
         }
-        let fractal = Fbm::<Perlin>::new(self.seed).set_octaves(self.octaves).set_frequency(self.frequency);
+        let fractal = Fractal::new(self.seed, self.octaves, self.frequency);
         let height = self.height;
-        Ok(move |p: Vec3| height * fractal.get(p.as_dvec3().to_array()) as f32)
+        Ok(move |p: Vec3| height * fractal.at_3d(p.as_dvec3().to_array()) as f32)
     }
 }
 
@@ -225,7 +225,8 @@ impl Shape {
                 positive("size", *size)?;
                 let noise = rough.noise(1.0)?;
                 let height = |x: f32, z: f32| {
-                    faded(x, z, *clearing) * noise(Vec3::new(x / *size, 0.5, z / *size)).abs()
+                    let share = faded(x, z, *clearing);
+                    if share == 0.0 { 0.0 } else { share * noise(Vec3::new(x / *size, 0.5, z / *size)).abs() }
                 };
                 let uv = |[u, v]: [f32; 2]| Vec2::new(u, 1.0 - v);
                 grid([*cells; 2], [false; 2], material, mesh, uv, |[u, v]| {

@@ -76,7 +76,9 @@ impl Emitters {
     pub fn new(scene: &Scene) -> Self {
         let mut all = Self::default();
         let mut weights = Vec::new();
-        for (primitive, &material) in scene.mesh.materials.iter().enumerate() {
+        let emits: Vec<bool> = scene.materials.iter().map(|material| material.emission.is_some()).collect();
+        let all_materials = scene.mesh.materials.iter().enumerate();
+        for (primitive, &material) in all_materials.filter(|(_, material)| emits[**material as usize]) {
             let emission = scene.materials[material as usize].emission;
             if let Some(emission) = emission.filter(|emission| emission.is_light) {
                 let primitive = primitive as u32;

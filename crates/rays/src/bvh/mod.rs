@@ -128,6 +128,9 @@ impl Bvh {
     /// If it is a two-level tree, whose ids are those of its instances.
     pub fn with_primitive_ids(mut self, ids: PrimitiveIds) -> Self {
         assert!(self.instances.is_none(), "a two-level tree has the ids of its instances");
+        if ids == self.ids {
+            return self;
+        }
         for child in self.wide.nodes.iter().flat_map(WideNode::block_children) {
             for id in self.wide.blocks.ids_mut(child) {
                 let index = self.ids.index(*id & PRIMITIVE) as u32;

@@ -4,9 +4,13 @@ use super::buffers::Buffers;
 use crate::lanes::from_index;
 use ::gltf::accessor::{Accessor, DataType, Dimensions};
 use glam::Vec4;
+use rayon::prelude::*;
 
 /// The most elements of an accessor without a buffer view. Only such accessors can take much memory in a small file.
 const MAX_IMPLICIT: usize = 1 << 24;
+
+/// Elements that one thread reads, at least.
+const AT_ONCE: usize = 1 << 13;
 
 /// The bytes of an accessor's elements.
 struct Elements<'a> {
@@ -88,15 +92,29 @@ pub(super) fn vectors<const N: usize>(
     buffers: &Buffers,
     accessor: &Accessor,
 ) -> Result<Vec<[f32; N]>, String> {
+    mapped(buffers, accessor, |vector: [f32; N]| vector)
+}
+
+/// Reads an accessor of vectors as [`vectors`] does, and makes a value of each.
+///
+/// # Errors
+/// As for [`vectors`].
+pub(super) fn mapped<const N: usize, T: Clone + Send>(
+    buffers: &Buffers,
+    accessor: &Accessor,
+    made: impl Fn([f32; N]) -> T + Sync,
+) -> Result<Vec<T>, String> {
     let kind = require::<N>(accessor)?;
+    let zero = made([0.0; N]);
     // Nearly all accessors have floats and need no conversion.
     if kind == DataType::F32 {
-        return read(buffers, accessor, N, [0.0; N], |elements, i| {
-            elements.words::<N>(i).map(f32::from_le_bytes)
+        return read(buffers, accessor, N, zero, |elements, i| {
+            let words = elements.words::<N>(i);
+            made(from_index(|c| f32::from_le_bytes(words[c])))
         });
     }
     let component = component(accessor);
-    read(buffers, accessor, N, [0.0; N], |elements, i| from_index(|c| component(elements, i, c) as f32))
+    read(buffers, accessor, N, zero, |elements, i| made(from_index(|c| component(elements, i, c) as f32)))
 }
 
 /// Reads an accessor of vectors of 1 to 4 components, one after the other and not rounded. Normalised integers become
@@ -129,7 +147,7 @@ fn require<const N: usize>(accessor: &Accessor) -> Result<DataType, String> {
 }
 
 /// How a component of an accessor's elements is read.
-fn component(accessor: &Accessor) -> impl Fn(&Elements, usize, usize) -> f64 {
+fn component(accessor: &Accessor) -> impl Fn(&Elements, usize, usize) -> f64 + Sync + use<> {
     let kind = accessor.data_type();
     let scale = if accessor.normalized() { full_scale(kind) } else { 1.0 };
     // The least signed integer would become less than −1.
@@ -182,10 +200,16 @@ pub(super) fn indices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<u32>
             accessor.dimensions()
         ));
     }
-    if kind == DataType::U32 {
-        return read(buffers, accessor, 1, 0, |elements, i| u32::from_le_bytes(elements.words::<1>(i)[0]));
+    match kind {
+        DataType::U32 => {
+            read(buffers, accessor, 1, 0, |elements, i| u32::from_le_bytes(elements.words::<1>(i)[0]))
+        }
+        DataType::U16 => read(buffers, accessor, 1, 0, |elements, i| {
+            let bytes = &elements.bytes[i * elements.stride..][..2];
+            u32::from(u16::from_le_bytes([bytes[0], bytes[1]]))
+        }),
+        _ => read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32),
     }
-    read(buffers, accessor, 1, 0, |elements, i| elements.number(i, 0) as u32)
 }
 
 /// Reads an accessor of unsigned integers with four components, as numbers that are not normalised.
@@ -218,17 +242,22 @@ pub(super) fn matrices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<[f3
     read(buffers, accessor, 16, [0.0; 16], |elements, i| from_index(|c| elements.number(i, c) as f32))
 }
 
-/// Reads all elements, and replaces the elements that the sparse part lists.
-fn read<T: Clone>(
+/// Reads all elements, and replaces the elements that the sparse part lists. Threads of rayon's pool share long lists.
+fn read<T: Clone + Send>(
     buffers: &Buffers,
     accessor: &Accessor,
     width: usize,
     zero: T,
-    get: impl Fn(&Elements, usize) -> T,
+    get: impl Fn(&Elements, usize) -> T + Sync,
 ) -> Result<Vec<T>, String> {
     let count = accessor.count();
     let kind = accessor.data_type();
-    let all = |elements: Elements| (0..elements.count).map(|i| get(&elements, i)).collect();
+    let all = |elements: Elements| -> Vec<T> {
+        if elements.count < 2 * AT_ONCE {
+            return (0..elements.count).map(|i| get(&elements, i)).collect();
+        }
+        (0..elements.count).into_par_iter().with_min_len(AT_ONCE).map(|i| get(&elements, i)).collect()
+    };
     let mut list = match (buffers.decompressed(accessor), accessor.view()) {
         (Some(found), _) => all(Elements::new(&found.bytes, 0, None, found.kind, width, count)?),
         (None, Some(view)) => {

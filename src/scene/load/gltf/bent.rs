@@ -2,7 +2,7 @@
 
 use super::Context;
 use super::accessor;
-use super::mesh::{Attributes, NodeTransform, read_attribute};
+use super::mesh::{Attributes, NodeTransform, mapped_attribute, read_attribute};
 use crate::geom::Skin;
 use ::gltf::accessor::Dimensions;
 use ::gltf::mesh::MorphTarget;
@@ -78,6 +78,9 @@ impl Bending {
         attributes: &Attributes,
         transform: &NodeTransform,
     ) -> Result<Bent, String> {
+        if self.is_none(primitive.of) {
+            return placed(context, attributes, transform);
+        }
         let directions = |accessor: &Option<Accessor>, name| {
             accessor.as_ref().map_or(Ok(Vec::new()), |accessor| read_attribute::<3>(context, name, accessor))
         };
@@ -101,7 +104,7 @@ impl Bending {
         };
         Ok(match skin {
             Some(skin) => skinned(&skin, &positions, &normals, &tangents, &signs),
-            None => placed(transform, &positions, &normals, &tangents, &signs),
+            None => moved(transform, &positions, &normals, &tangents, &signs),
         })
     }
 
@@ -262,8 +265,8 @@ fn skinned(skin: &Skin, positions: &[DVec3], normals: &[DVec3], tangents: &[DVec
     }
 }
 
-/// The vertices as the node's transform places them.
-fn placed(
+/// The displaced vertices as the node's transform places them.
+fn moved(
     NodeTransform { placement, directions }: &NodeTransform,
     positions: &[DVec3],
     normals: &[DVec3],
@@ -277,4 +280,29 @@ fn placed(
         tangents: tangents.map(|(tangent, sign)| directions.tangent(*tangent, *sign)).collect(),
         mirrors: directions.mirrors(),
     }
+}
+
+/// The vertices of a primitive that nothing bends, placed as they are read.
+///
+/// # Errors
+/// When an attribute cannot be read.
+fn placed(
+    context: &Context,
+    Attributes { positions, normals, tangents, .. }: &Attributes,
+    NodeTransform { placement, directions }: &NodeTransform,
+) -> Result<Bent, String> {
+    let point = |position| placement.point(Vec3::from_array(position));
+    let normal = |normal| directions.normal(Vec3::from_array(normal).as_dvec3());
+    let tangent =
+        |[x, y, z, w]: [f32; 4]| directions.tangent(Vec3::new(x, y, z).as_dvec3(), 1.0_f32.copysign(w));
+    let positions = mapped_attribute(context, "POSITION", positions, point)?;
+    let normals = normals.as_ref().map(|of| mapped_attribute(context, "NORMAL", of, normal)).transpose()?;
+    let tangents =
+        tangents.as_ref().map(|of| mapped_attribute(context, "TANGENT", of, tangent)).transpose()?;
+    Ok(Bent {
+        positions,
+        normals: normals.unwrap_or_default(),
+        tangents: tangents.unwrap_or_default(),
+        mirrors: directions.mirrors(),
+    })
 }

@@ -7,16 +7,26 @@ use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::buffer::{Source, View};
 use ::gltf::{Document, json};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// All buffers, each at least as long as the document says, and what was compressed in them.
 #[derive(Default)]
 pub(super) struct Buffers {
-    list: Vec<Vec<u8>>,
+    list: Vec<Buffer>,
+    /// A GLB file; empty if there is no binary chunk.
+    file: Vec<u8>,
     /// The decompressed bytes of buffer views, by their index.
     views: BTreeMap<usize, Vec<u8>>,
     /// The decompressed elements of accessors, by their index.
     accessors: BTreeMap<usize, Decompressed>,
+}
+
+/// The bytes of a buffer.
+enum Buffer {
+    Own(Vec<u8>),
+    /// They lie there in the GLB file.
+    InFile(Range<usize>),
 }
 
 /// The elements of an accessor that a compressed mesh holds, without gaps.
@@ -26,23 +36,25 @@ pub(super) struct Decompressed {
 }
 
 impl Buffers {
-    /// Reads the buffers that a document names.
+    /// Reads the buffers that a document names. The binary chunk stays where it is in the file.
     ///
     /// # Errors
     /// When a buffer is missing, cannot be read, or is too short.
     pub(super) fn read(
         session: &mut Session,
         document: &Document,
-        binary: Option<&[u8]>,
+        file: Vec<u8>,
+        binary: Option<Range<usize>>,
     ) -> Result<Self, LoadProblem> {
         let path = session.path.clone();
         let sizes = document.buffers().map(|buffer| buffer.length() as u64);
         let all = sizes.fold(0, u64::saturating_add);
         session.check("the sum of its buffers", all).map_err(|source| session.over(source))?;
-        let mut buffers = Self::default();
+        let file = if binary.is_some() { file } else { Vec::new() };
+        let mut buffers = Self { file, ..Self::default() };
         for buffer in document.buffers() {
             if meshopt::is_fallback(&buffer) {
-                buffers.list.push(Vec::new());
+                buffers.list.push(Buffer::Own(Vec::new()));
                 continue;
             }
             let place = |problem| LoadProblem::Place {
@@ -50,26 +62,27 @@ impl Buffers {
                 place: format!("buffers[{}]", buffer.index()),
                 problem,
             };
-            let bytes = match buffer.source() {
+            let found = match buffer.source() {
                 Source::Bin => binary
-                    .ok_or_else(|| place("has no URI, and the file has no binary chunk".into()))?
-                    .to_vec(),
-                Source::Uri(uri) => match locate(&path, uri).map_err(place)? {
+                    .clone()
+                    .map(Buffer::InFile)
+                    .ok_or_else(|| place("has no URI, and the file has no binary chunk".into()))?,
+                Source::Uri(uri) => Buffer::Own(match locate(&path, uri).map_err(place)? {
                     Location::Data(bytes) => bytes,
                     Location::File(file) => {
                         let read = session.read_named(&file, buffer.length() as u64);
                         read.map_err(|problem| place(problem.to_string()))?
                     }
-                },
+                }),
             };
-            if bytes.len() < buffer.length() {
+            let length = buffers.bytes_of(&found).len();
+            if length < buffer.length() {
                 return Err(place(format!(
-                    "should have {} bytes but has {}; the file is truncated",
-                    buffer.length(),
-                    bytes.len()
+                    "should have {} bytes but has {length}; the file is truncated",
+                    buffer.length()
                 )));
             }
-            buffers.list.push(bytes);
+            buffers.list.push(found);
         }
         buffers.views = meshopt::decompress(session, document, &buffers)?;
         buffers.accessors = draco::decompress(session, document, &buffers)?;
@@ -78,8 +91,21 @@ impl Buffers {
 
     /// Bytes of all that is held.
     pub(super) fn bytes(&self) -> u64 {
-        let accessors = self.accessors.values().map(|decompressed| &decompressed.bytes);
-        self.list.iter().chain(self.views.values()).chain(accessors).map(|bytes| bytes.len() as u64).sum()
+        let own = |buffer: &Buffer| match buffer {
+            Buffer::Own(bytes) => bytes.len(),
+            Buffer::InFile(_) => 0,
+        };
+        let list: usize = self.list.iter().map(own).sum();
+        let views: usize = self.views.values().map(Vec::len).sum();
+        let accessors: usize = self.accessors.values().map(|of| of.bytes.len()).sum();
+        (self.file.len() + list + views + accessors) as u64
+    }
+
+    fn bytes_of<'a>(&'a self, buffer: &'a Buffer) -> &'a [u8] {
+        match buffer {
+            Buffer::Own(bytes) => bytes,
+            Buffer::InFile(place) => &self.file[place.clone()],
+        }
     }
 
     /// The elements of an accessor that a compressed mesh holds.
@@ -105,8 +131,9 @@ impl Buffers {
     /// # Errors
     /// A sentence about who asks for them, when they are not there.
     pub(super) fn slice(&self, buffer: usize, start: usize, length: usize) -> Result<&[u8], String> {
-        let bytes =
+        let found =
             self.list.get(buffer).ok_or_else(|| format!("names buffers[{buffer}], which does not exist"))?;
+        let bytes = self.bytes_of(found);
         start.checked_add(length).and_then(|end| bytes.get(start..end)).ok_or_else(|| {
             format!("has {length} bytes at offset {start}, but buffers[{buffer}] has {} bytes", bytes.len())
         })

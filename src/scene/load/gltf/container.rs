@@ -1,14 +1,15 @@
 //! Splits GLB files into chunks.
 
 use super::super::{LoadProblem, extension};
+use std::ops::Range;
 use std::path::Path;
 
 /// The parts of a `.gltf` or `.glb` file.
 pub(super) struct Container<'a> {
     /// The JSON document.
     pub(super) json: &'a [u8],
-    /// GLB's binary chunk.
-    pub(super) binary: Option<&'a [u8]>,
+    /// The place of GLB's binary chunk in the file.
+    pub(super) binary: Option<Range<usize>>,
 }
 
 /// Splits a GLB file into its chunks. Any other file is JSON as a whole.
@@ -33,7 +34,8 @@ fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {
     if version != 2 {
         return Err(format!("GLB version {version}; 2 is supported"));
     }
-    let Some(mut rest) = bytes.get(12..length as usize) else {
+    let end = length as usize;
+    let Some(mut rest) = bytes.get(12..end) else {
         return Err(format!(
             "truncated: its header gives a length of {length} bytes, but the file has {}",
             bytes.len()
@@ -45,12 +47,13 @@ fn chunks(bytes: &[u8]) -> Result<Container<'_>, String> {
         let (Some(length), Some(kind)) = (word(rest, 0), word(rest, 4)) else {
             return Err(format!("truncated: {} bytes are left where a chunk should begin", rest.len()));
         };
+        let start = end - rest.len() + 8;
         let Some(data) = rest[8..].get(..length as usize) else {
             return Err(format!("truncated: a chunk of {length} bytes, but {} are left", rest.len() - 8));
         };
         match &kind.to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(data),
-            b"BIN\0" if binary.is_none() => binary = Some(data),
+            b"BIN\0" if binary.is_none() => binary = Some(start..start + data.len()),
             // The GLB specification requires that unknown chunks are skipped.
             _ => {}
         }

@@ -225,22 +225,38 @@ impl<'a> Flattened<'a> {
         let converted = self.materials.converted;
         let masked = material.is_some_and(|m| converted[m].material.alpha.mode != AlphaMode::Opaque);
         let material = self.material_index(material);
-        let triangles = triangles(primitive.mode(), &indices);
         let first = self.mesh.triangles.len();
-        for &[a, b, c] in &triangles {
-            let [b, c] = if mirrors { [c, b] } else { [b, c] };
-            let triangle = [base + a, base + b, base + c];
-            if !self.dropped.drops(each(triangle, |corner| self.mesh.positions[corner as usize])) {
-                self.mesh.triangles.push(triangle);
-                self.mesh.materials.push(material);
-            }
-        }
+        let count = self.add_triangles(primitive.mode(), &indices, (base, mirrors));
+        self.mesh.materials.resize(self.mesh.triangles.len(), material);
         // Instances share all triangles of their shape, and none is bent.
-        if self.mesh.triangles.len() == first + triangles.len() && bending.is_none(primitive) {
+        if self.mesh.triangles.len() == first + count && bending.is_none(primitive) {
             let instance = Instance { placement: transform.placement, first: first as u32 };
             self.instances.add(primitive, mirrors, masked, instance);
         }
         Ok(())
+    }
+
+    /// Adds the triangles that a list of vertices from `base` on forms, but those that are dropped. Returns how many
+    /// there are with these.
+    fn add_triangles(&mut self, mode: Mode, indices: &[u32], (base, mirrors): (u32, bool)) -> usize {
+        let oriented = |[a, b, c]: [u32; 3]| {
+            let [b, c] = if mirrors { [c, b] } else { [b, c] };
+            [base + a, base + b, base + c]
+        };
+        let Self { mesh: TriangleMesh { positions, triangles: list, .. }, dropped, .. } = self;
+        if mode == Mode::Triangles && dropped.is_empty() {
+            let (triples, _) = indices.as_chunks::<3>();
+            list.extend(triples.iter().map(|&triple| oriented(triple)));
+            return triples.len();
+        }
+        let triangles = triangles(mode, indices);
+        for &corners in &triangles {
+            let triangle = oriented(corners);
+            if !dropped.drops(each(triangle, |corner| positions[corner as usize])) {
+                list.push(triangle);
+            }
+        }
+        triangles.len()
     }
 
     fn attributes<'p>(
@@ -297,9 +313,13 @@ impl<'a> Flattened<'a> {
     ) -> Result<u32, String> {
         let base = self.mesh.positions.len();
         check_count(base + positions.len())?;
-        for (i, position) in positions.into_iter().enumerate() {
-            let place = || format!("vertex {i} of {}, in the world", place());
-            self.mesh.positions.push(self.dropped.checked(position, place));
+        if Dropped::drops_none_of(&positions) {
+            self.mesh.positions.extend_from_slice(&positions);
+        } else {
+            for (i, position) in positions.into_iter().enumerate() {
+                let place = || format!("vertex {i} of {}, in the world", place());
+                self.mesh.positions.push(self.dropped.checked(position, place));
+            }
         }
         if attributes.normals.is_some() {
             pad(&mut self.mesh.normals, base);
@@ -446,7 +466,17 @@ pub(super) fn read_attribute<const N: usize>(
     name: &str,
     accessor: &Accessor,
 ) -> Result<Vec<[f32; N]>, String> {
-    accessor::vectors(context.buffers, accessor)
+    mapped_attribute(context, name, accessor, |vector| vector)
+}
+
+/// Reads an attribute, and makes a value of each vector.
+pub(super) fn mapped_attribute<const N: usize, T: Clone + Send>(
+    context: &Context,
+    name: &str,
+    accessor: &Accessor,
+    made: impl Fn([f32; N]) -> T + Sync,
+) -> Result<Vec<T>, String> {
+    accessor::mapped(context.buffers, accessor, made)
         .map_err(|problem| format!("{name} (accessors[{}]): {problem}", accessor.index()))
 }
 
@@ -457,6 +487,11 @@ pub(super) fn indices(context: &Context, primitive: &Primitive, count: usize) ->
         Some(accessor) => accessor::indices(context.buffers, &accessor)
             .map_err(|problem| format!("indices (accessors[{}]): {problem}", accessor.index()))?,
     };
+    // Folding instead of stopping early lets the compiler use vectors.
+    let largest = indices.iter().fold(0, |largest, &index| index.max(largest));
+    if (largest as usize) < count {
+        return Ok(indices);
+    }
     match indices.iter().enumerate().find(|&(_, &i)| i as usize >= count) {
         Some((place, index)) => Err(format!("index {place} names vertex {index}, but there are {count}")),
         None => Ok(indices),

@@ -81,8 +81,9 @@ impl File {
         check_text(&path, container.json)?;
         let pointers = Pointers::take(session, container.json)?;
         let document = parse(&path, container.json, &pointers, &mut session.warnings)?;
-        let buffers = Buffers::read(session, &document, container.binary)?;
         let targets = Targets::read(container.json);
+        let binary = container.binary;
+        let buffers = Buffers::read(session, &document, bytes, binary)?;
         Ok(Self { document, buffers, pointers, targets })
     }
 
@@ -103,6 +104,8 @@ impl File {
         let chosen = MaterialsByPrimitive::new(&context, &variants)?;
         let colours = colour::by_material(document, &chosen);
         let mut textures = Textures::of_images(std::mem::take(images));
+        let wanted = texture::wanted(document, buffers, &context.session.path);
+        textures.decode_ahead(context.session, wanted);
         let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
         for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
             converted.push(material::convert(&mut context, &mut textures, &material, colours)?);

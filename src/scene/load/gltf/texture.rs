@@ -1,15 +1,18 @@
 //! Textures as glTF materials refer to them.
 
 use super::super::LoadProblem;
-use super::super::textures::{Source, Textures};
+use super::super::textures::{Source, Textures, Wanted};
 use super::Context;
-use super::buffers::{Location, locate};
+use super::buffers::{Buffers, Location, locate};
 use crate::scene::{ColourSpace, TextureRef, Wrap};
+use ::gltf::buffer::View;
 use ::gltf::json::Value;
 use ::gltf::material::NormalTexture;
 use ::gltf::texture::{Info, WrappingMode};
-use ::gltf::{Document, Texture};
+use ::gltf::{Document, Image, Texture};
 use glam::Vec2;
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// A reference to a texture: glTF's `textureInfo` with KHR_texture_transform.
 pub(super) struct TextureInfo<'a> {
@@ -109,24 +112,14 @@ impl<'a> TextureInfo<'a> {
 
     /// The image's name, and its index or what is wrong with it.
     fn image(&self, context: &mut Context, textures: &mut Textures) -> (String, Result<usize, String>) {
-        // An image of a later format stands beside a plain one for viewers that cannot read it.
-        let later = ["KHR_texture_basisu", "EXT_texture_webp"]
-            .iter()
-            .find_map(|name| self.texture.extension_value(name)?["source"].as_u64());
-        let source = match later.and_then(|index| usize::try_from(index).ok()) {
-            Some(index) => context.document.images().nth(index),
-            None => self.texture.source(),
-        };
-        let Some(image) = source else {
+        let Some(image) = image_of(context.document, &self.texture) else {
             let problem = "has no image of a known kind (PNG, JPEG, WebP or KTX2)".into();
             return (format!("textures[{}]", self.texture.index()), Err(problem));
         };
-        let mut name = image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned);
-        // The crate's accessor panics if both the URI and the buffer view are missing.
-        let json = &context.document.as_json().images[image.index()];
-        let view = json.buffer_view.and_then(|view| context.document.views().nth(view.value()));
+        let mut name = name(&image);
+        let (view, uri) = place(context.document, &image);
         let source = Source::Embedded(image.index());
-        let result = match (view, &json.uri) {
+        let result = match (view, uri) {
             (Some(view), _) => {
                 let bytes = |_: &mut _| context.buffers.view(&view).map(<[u8]>::to_vec);
                 textures.image(context.session, source, &name, bytes)
@@ -143,4 +136,61 @@ impl<'a> TextureInfo<'a> {
         };
         (name, result)
     }
+}
+
+/// The image of a texture. An image of a later format stands beside a plain one for viewers that cannot read it.
+fn image_of<'a>(document: &'a Document, texture: &Texture<'a>) -> Option<Image<'a>> {
+    let later = ["KHR_texture_basisu", "EXT_texture_webp"]
+        .iter()
+        .find_map(|name| texture.extension_value(name)?["source"].as_u64());
+    match later.and_then(|index| usize::try_from(index).ok()) {
+        Some(index) => document.images().nth(index),
+        None => texture.source(),
+    }
+}
+
+/// The name of an image in messages.
+fn name(image: &Image) -> String {
+    image.name().map_or_else(|| format!("images[{}]", image.index()), str::to_owned)
+}
+
+/// The buffer view or the URI that has an image's file. The crate's accessor panics if both are missing.
+fn place<'a>(document: &'a Document, image: &Image) -> (Option<View<'a>>, Option<&'a String>) {
+    let json = &document.as_json().images[image.index()];
+    let view = json.buffer_view.and_then(|view| document.views().nth(view.value()));
+    (view, json.uri.as_ref())
+}
+
+/// The images of a document that nearly every conversion of its materials asks for, each once: those of glTF's own
+/// textures.
+pub(super) fn wanted<'a>(document: &'a Document, buffers: &'a Buffers, path: &Path) -> Vec<Wanted<'a>> {
+    let textures = document.materials().flat_map(|material| {
+        let pbr = material.pbr_metallic_roughness();
+        let has_factor = pbr.metallic_factor() != 0.0 || pbr.roughness_factor() != 0.0;
+        let colour = pbr.base_color_texture().map(|info| info.texture());
+        let rough = pbr.metallic_roughness_texture().filter(|_| has_factor).map(|info| info.texture());
+        let emissive = material.emissive_texture().filter(|_| material.emissive_factor() != [0.0; 3]);
+        let normal = material.normal_texture().map(|info| info.texture());
+        let is_lit = material.extension_value("KHR_materials_unlit").is_none();
+        let lit = [rough, emissive.map(|info| info.texture()), normal].into_iter().filter(move |_| is_lit);
+        std::iter::once(colour).chain(lit).flatten()
+    });
+    let mut found = BTreeMap::new();
+    for image in textures.filter_map(|texture| image_of(document, &texture)) {
+        let (view, uri) = place(document, &image);
+        let embedded = |bytes| Wanted { source: Source::Embedded(image.index()), name: name(&image), bytes };
+        let wanted = match (view, uri) {
+            (Some(view), _) => buffers.view(&view).ok().map(|bytes| embedded(Some(bytes))),
+            (None, Some(uri)) if !uri.starts_with("data:") => match locate(path, uri) {
+                Ok(Location::File(file)) => {
+                    let name = file.to_string_lossy().into_owned();
+                    Some(Wanted { source: Source::File(file), name, bytes: None })
+                }
+                _ => None,
+            },
+            _ => None,
+        };
+        found.extend(wanted.map(|wanted| (image.index(), wanted)));
+    }
+    found.into_values().collect()
 }
