@@ -3,7 +3,7 @@
 use crate::folder::{Folder, assert_holds, warns};
 use glam::Vec3;
 use raystream::scene::recipe::Recipe;
-use raystream::scene::{AlphaMode, Channel, Material, OpenPbr, Scene, Surface};
+use raystream::scene::{AlphaMode, Channel, Material, OpenPbr, OpenPbrCoatNormals, Scene, Surface};
 
 const OBJ: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
 
@@ -127,7 +127,8 @@ fn classic_numbers_are_for_other_readers_and_maps_multiply() {
     folder.image("map.png", 1, &[[200, 200, 200, 255]]);
     folder.image("normal.png", 2, &[[128, 128, 255, 255], [200, 128, 230, 255]]);
     let maps = "map_Kd map.png\nmap_Pr map.png\nmap_Pm map.png\nmap_Ke map.png\nmap_d map.png\nnorm -bm 0.5 normal.png";
-    let scene = in_folder(&folder, &format!("{named}\n{maps}\nanisor 0.25\nopenpbr_specular_roughness_anisotropy 1"));
+    let scene =
+        in_folder(&folder, &format!("{named}\n{maps}\nanisor 0.25\nopenpbr_specular_roughness_anisotropy 1"));
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let (material, surface) = (&scene.materials[0], openpbr(&scene.materials[0]));
     assert_eq!(surface.base_color.factor, Vec3::new(0.8, 0.7, 0.6));
@@ -186,4 +187,20 @@ fn errors_name_file_line_and_range() {
         assert_holds(&message, &["a.mtl", "line 3"]);
         assert_holds(&message, parts);
     }
+}
+
+#[test]
+fn coats_have_a_normal_map_of_their_own() {
+    let folder = Folder::new();
+    folder.image("normal.png", 2, &[[128, 128, 255, 255], [200, 128, 230, 255]]);
+    let map = "openpbr_geometry_coat_normal -bm 0.5 normal.png";
+    let scene = in_folder(&folder, &format!("openpbr_coat_weight 1\n{map}"));
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let coat = openpbr(&scene.materials[0]).coat.expect("a coat");
+    let Some(OpenPbrCoatNormals::Mapped(normals)) = coat.frame.map(|frame| frame.normals) else {
+        panic!("{coat:?}")
+    };
+    assert_eq!((normals.scale, scene.materials[0].normal_map), (0.5, None));
+    let bare = in_folder(&folder, map);
+    assert!(warns(&bare, &["openpbr_geometry_coat_normal has no effect", "openpbr_coat_weight"]));
 }

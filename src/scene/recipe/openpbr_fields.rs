@@ -106,8 +106,7 @@ impl Field<'_> {
     }
 
     fn set(&mut self, words: &[&str]) -> Result<(), String> {
-        let number =
-            |word: &str| word.parse::<f32>().map_err(|_| format!("{word:?} is not a number"));
+        let number = |word: &str| word.parse::<f32>().map_err(|_| format!("{word:?} is not a number"));
         match (self, words) {
             (Self::Number(value, _), [word]) => **value = number(word)?,
             (Self::Colour(colour, _), [r, g, b]) => {
