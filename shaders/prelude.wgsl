@@ -3,7 +3,8 @@
 const TAU: f32 = 6.2831855;
 
 // A picture at uv: red, green, blue and alpha as linear numbers. It is averaged over what the ray's cone covers of
-// `at.uv`, `at.uv1`, `at.position` or `at.object_position`, times known factors. Other coordinates read single texels.
+// `at.uv`, `at.uv1` to `at.uv3`, `at.position` or `at.object_position`, times known factors. Other coordinates read
+// single texels.
 fn image(picture: texture_2d<f32>, uv: vec2f) -> vec4f {
     return vec4f(uv, 0.0, 1.0);
 }
@@ -11,6 +12,15 @@ fn image(picture: texture_2d<f32>, uv: vec2f) -> vec4f {
 // The same, averaged over a square of this side around uv.
 fn image_over(picture: texture_2d<f32>, uv: vec2f, side: f32) -> vec4f {
     return vec4f(uv, side, 1.0);
+}
+
+// The texture coordinates of a set of the mesh, from 0 to 3; those of the first where there is no such set.
+fn uv_set(at: Point, set: u32) -> vec2f {
+    if set == 0u { return at.uv; }
+    if set == 1u { return at.uv1; }
+    if set == 2u { return at.uv2; }
+    if set == 3u { return at.uv3; }
+    return at.uv;
 }
 
 // In a BSDF: the native BSDF of a finish, where the shading normal is +z. BSDF times |cosine|, and the density of

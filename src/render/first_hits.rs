@@ -71,7 +71,7 @@ pub(super) struct GivenRays<P> {
 
 impl<P: Copy> GivenRays<P> {
     /// The rays of a batch without some of them, which are given by ascending index.
-    fn without(batch: &Batch<'_, P>, left_out: &[u32]) -> Self {
+    pub(super) fn without(batch: &Batch<'_, P>, left_out: &[u32]) -> Self {
         let len = batch.rays.len() - left_out.len();
         let (mut rays, mut hits, mut payloads) =
             (Vec::with_capacity(len), Vec::with_capacity(len), Vec::with_capacity(len));

@@ -116,8 +116,14 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         None
     }
 
-    /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
-    /// they compute the interactions anyway, and may let camera rays pass surfaces.
+    /// The pixel and the sample of any ray. They select the random numbers by which rays pass surfaces of computed
+    /// opacity. By default only camera rays tell; the numbers of others follow from the rays themselves.
+    fn sample_of(&self, payload: &Self::Payload) -> Option<CameraSample> {
+        self.camera_sample(payload)
+    }
+
+    /// True if the shader itself adds what its camera rays hit to the frame's layers, and decides which rays pass
+    /// surfaces of computed opacity. Only shaders of this crate can: they compute the interactions anyway.
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
 }
@@ -248,6 +254,14 @@ impl<S: HitShader> Renderer for HitShading<S> {
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
         let Self { shader, frame, memory } = self;
         let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
+        let sample_of =
+            |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
+        let met = if S::ADDS_FIRST_HITS { None } else { frame.pass_on(&batch, sample_of, out) };
+        let batch = match &met {
+            None => batch,
+            Some(met) if met.is_empty() => return,
+            Some(met) => met.batch(),
+        };
         match frame.add_first_hits(&batch, !S::ADDS_FIRST_HITS, camera_sample) {
             None => shader.shade(frame, memory, batch, out),
             Some(given) if given.is_empty() => {}

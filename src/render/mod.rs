@@ -37,6 +37,7 @@ mod ray_rows;
 mod ray_shader;
 pub mod recursion;
 mod recursive_whitted;
+mod see_through;
 mod sequence;
 mod settings;
 mod single_ray;

@@ -384,6 +384,12 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
         let RayState { pixel, sample, depth, .. } = *state;
         (depth == 0).then_some(CameraSample { pixel, sample })
     }
+
+    #[inline]
+    fn sample_of(&self, state: &RayState<P>) -> Option<CameraSample> {
+        let RayState { pixel, sample, .. } = *state;
+        Some(CameraSample { pixel, sample })
+    }
 }
 
 /// Checks a promise of the shader's constants.

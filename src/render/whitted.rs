@@ -314,6 +314,12 @@ impl HitShader for WhittedShader {
         (self.depth(state) == 0).then_some(CameraSample { pixel, sample })
     }
 
+    #[inline]
+    fn sample_of(&self, state: &WhittedState) -> Option<CameraSample> {
+        let WhittedState { pixel, sample, .. } = *state;
+        Some(CameraSample { pixel, sample })
+    }
+
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[Contribution], occluded: &[u32]) {
         frame.add_unoccluded(payloads, occluded);
     }

@@ -167,6 +167,16 @@ points! {
         outside: Bool as Mask<L>, "1", "false or true",
             "Whether the viewer is outside of the body, on the side of the vertex normals; without these, front.",
             Points::outside_here;
+        uv2: Vec2f as [Num<L>; 2], "texture coordinates", "finite",
+            "Texture coordinates of the mesh's third set; those of the first without one.", Points::third_uv_here;
+        uv3: Vec2f as [Num<L>; 2], "texture coordinates", "finite",
+            "Texture coordinates of the mesh's fourth set; those of the first without one.", Points::fourth_uv_here;
+        footprint2: F32 as Num<L>, "texture coordinates", "at least 0",
+            "Side of the square that the ray's cone covers in the third set of texture coordinates.",
+            Points::third_footprint_here;
+        footprint3: F32 as Num<L>, "texture coordinates", "at least 0",
+            "Side of the square that the ray's cone covers in the fourth set of texture coordinates.",
+            Points::fourth_footprint_here;
     }
 }
 
@@ -313,8 +323,24 @@ impl<L: Lanes> Points<'_, L> {
 
     #[inline(always)]
     fn second_uv_here(&self) -> [Num<L>; 2] {
+        self.uv_of(1)
+    }
+
+    #[inline(always)]
+    fn third_uv_here(&self) -> [Num<L>; 2] {
+        self.uv_of(2)
+    }
+
+    #[inline(always)]
+    fn fourth_uv_here(&self) -> [Num<L>; 2] {
+        self.uv_of(3)
+    }
+
+    /// Texture coordinates of a set of the mesh; those of the first without one.
+    #[inline(always)]
+    fn uv_of(&self, set: u32) -> [Num<L>; 2] {
         let mesh = &self.scene.mesh;
-        let uvs = mesh.uv_set(1);
+        let uvs = mesh.uv_set(set);
         if uvs.is_empty() {
             return self.uv;
         }
@@ -329,9 +355,24 @@ impl<L: Lanes> Points<'_, L> {
 
     #[inline(always)]
     fn second_footprint_here(&self) -> Num<L> {
+        self.footprint_of(1)
+    }
+
+    #[inline(always)]
+    fn third_footprint_here(&self) -> Num<L> {
+        self.footprint_of(2)
+    }
+
+    #[inline(always)]
+    fn fourth_footprint_here(&self) -> Num<L> {
+        self.footprint_of(3)
+    }
+
+    #[inline(always)]
+    fn footprint_of(&self, set: u32) -> Num<L> {
         let mesh = &self.scene.mesh;
-        let second = mesh.uv_set(1);
-        self.footprint_in(if second.is_empty() { &mesh.uvs } else { second }).width
+        let uvs = mesh.uv_set(set);
+        self.footprint_in(if uvs.is_empty() { &mesh.uvs } else { uvs }).width
     }
 
     #[inline(always)]

@@ -176,6 +176,12 @@ impl Document {
         folder.scene("a.glb")
     }
 
+    pub fn scene_with(&self, options: &LoadOptions) -> Scene {
+        let folder = Folder::new();
+        folder.write("a.glb", self.glb());
+        folder.load_with("a.glb", options).unwrap_or_else(|error| panic!("{error}"))
+    }
+
     pub fn message(&self) -> String {
         let folder = Folder::new();
         folder.write("a.glb", self.glb());

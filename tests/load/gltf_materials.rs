@@ -3,6 +3,7 @@
 use crate::document::Document;
 use crate::folder::{Folder, assert_holds, warns};
 use glam::{Vec2, Vec3};
+use raystream::scene::load::LoadOptions;
 use raystream::scene::{
     AlphaMode, Channel, ColourSpace, Material, Principled, Scene, Surface, TextureRef, Wrap,
 };
@@ -482,4 +483,35 @@ fn extras_ask_for_surfaces_of_user_code() {
     let wrong = scene(json!({ "name": "door", "extras": { "raystream": { "surfce": "wood" } } }));
     assert!(wrong.surface_requests.is_empty());
     assert!(warns(&wrong, &["door", "extras.raystream", "surfce"]), "{:?}", wrong.warnings);
+}
+
+#[test]
+fn shaders_have_all_sets_of_texture_coordinates() {
+    let mut document = Document::triangle();
+    let texture = document.texture(1, &[[1, 2, 3, 255]]);
+    for set in 0..6 {
+        let uvs = document.floats("VEC2", &[set as f32 + 1.0; 6]);
+        document.json["meshes"][0]["primitives"][0]["attributes"][format!("TEXCOORD_{set}")] = json!(uvs);
+    }
+    let textured =
+        json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture, "texCoord": 2 } } });
+    document.material(textured.clone());
+    let sets = |scene: &Scene| {
+        assert!(scene.validate().is_ok() && scene.warnings.is_empty(), "{:?}", scene.warnings);
+        let all = [0, 1, 2, 3, 4].map(|set| scene.mesh.uv_set(set).first().map(|uv| uv.x));
+        all.into_iter().flatten().collect::<Vec<f32>>()
+    };
+    assert_eq!(sets(&document.scene()), [3.0], "what the texture uses");
+    let all = LoadOptions::default().with_all_uv_sets(true);
+    assert_eq!(sets(&document.scene_with(&all)), [3.0, 1.0, 2.0, 4.0], "the texture's first");
+    document.json["materials"][0]["extras"] = json!({ "raystream": { "surface": "wood" } });
+    assert_eq!(sets(&document.scene()), [3.0, 1.0, 2.0, 4.0]);
+    // Sets that no texture uses cannot make a file an error.
+    let few = document.floats("VEC2", &[0.0; 4]);
+    document.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = json!(few);
+    assert_eq!(sets(&document.scene()), [3.0, 1.0, 4.0]);
+    let plain = &mut document.json["meshes"][0]["primitives"][0];
+    plain.as_object_mut().expect("a primitive").remove("material");
+    assert_eq!(sets(&document.scene()), [1.0]);
+    assert_eq!(sets(&document.scene_with(&all)), [1.0, 3.0, 4.0]);
 }

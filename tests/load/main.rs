@@ -17,6 +17,7 @@ mod hostile;
 mod instances;
 mod mangled;
 mod mtl;
+mod mtl_openpbr;
 mod obj;
 mod off;
 mod ply;

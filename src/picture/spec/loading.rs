@@ -20,6 +20,9 @@ spec_group! {
         /// Diameter of the balls and tubes that are shown for points and lines (glTF, PLY without faces), in units of
         /// the scene. By default it follows from the scene's size.
         maybe "stroke-width" stroke_width: form::Positive, "WIDTH";
+        /// Keep all sets of texture coordinates of glTF files, up to four, for shaders of `--surface`. Without it they
+        /// see those that the material's textures use; shaders that the file itself names always see all.
+        flag "all-uv-sets" all_uv_sets;
     }
 }
 
@@ -27,6 +30,7 @@ impl LoadingSpec {
     /// Options of the loaders, within a budget of memory.
     pub fn options(&self, memory: &MemoryBudget) -> LoadOptions {
         let options = LoadOptions::default().with_memory(*memory).with_allow_missing(self.allow_missing);
+        let options = options.with_all_uv_sets(self.all_uv_sets);
         let options = self.variant.iter().fold(options, LoadOptions::with_variant);
         let options = self.time.iter().fold(options, |options, time| options.with_time(*time));
         let options =

@@ -8,8 +8,14 @@ use crate::program::operation::Operation;
 use crate::scene::POINT_FIELDS;
 
 /// The fields of points that coordinates are made of, and the fields that tell how much of each a cone covers.
-const SEEDS: [(&str, &str); 4] =
-    [("uv", "footprint"), ("uv1", "footprint1"), ("position", "width"), ("object_position", "object_width")];
+const SEEDS: [(&str, &str); 6] = [
+    ("uv", "footprint"),
+    ("uv1", "footprint1"),
+    ("uv2", "footprint2"),
+    ("uv3", "footprint3"),
+    ("position", "width"),
+    ("object_position", "object_width"),
+];
 
 /// The slope of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]

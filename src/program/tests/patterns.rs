@@ -357,3 +357,28 @@ fn the_second_set_of_texture_coordinates_is_told() {
     scene.mesh.more_uvs = vec![vec![glam::Vec2::ZERO, glam::Vec2::new(5.0, 0.0), glam::Vec2::new(0.0, 10.0)]];
     assert_eq!(colour(&scene), [0.5, 2.0, 0.25]);
 }
+
+#[test]
+fn further_sets_of_texture_coordinates_are_told() {
+    let text = "fn pattern(at: Point) -> Finish {
+            var f = matte(at);
+            let all = vec4f(at.uv2.x, at.uv3.x, uv_set(at, 1u).x, uv_set(at, 3u).y);
+            f.colour = vec3f(all.x, all.y, all.z + uv_set(at, 0u).y);
+            f.roughness = all.w + uv_set(at, 2u).y + uv_set(at, 9u).x;
+            return f;
+        }";
+    let shader = PatternShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
+    let mut scene = Scene::default();
+    let finish = |scene: &Scene| {
+        let finish = shader.finish(&point_at(scene, [0.0; 3]));
+        [finish.colour.x, finish.colour.y, finish.colour.z, finish.roughness].map(|number| number.get())
+    };
+    assert_eq!(finish(&scene), [0.25, 0.25, 1.0, 1.75], "those of the first without them");
+    scene.mesh.triangles = vec![[0, 1, 2]; 4];
+    let set = |x, y| vec![glam::Vec2::ZERO, glam::Vec2::new(x, 0.0), glam::Vec2::new(0.0, y)];
+    scene.mesh.more_uvs = vec![set(5.0, 10.0), set(8.0, 1.0), set(12.0, 3.0)];
+    let [u, v] = [0.1, 0.2];
+    let all = [8.0 * u, 12.0 * u, 5.0 * u + 0.75, 3.0 * v + v + 0.25];
+    let close = finish(&scene).iter().zip(all).all(|(&found, expected)| (found - expected).abs() < 1e-6);
+    assert!(close, "{:?}, not {all:?}", finish(&scene));
+}

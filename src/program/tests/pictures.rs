@@ -28,13 +28,15 @@ fn speckles() -> BoundTexture {
     BoundTexture::new(texture)
 }
 
-/// A triangle of number 3 with two sets of texture coordinates, in an object of half the size.
+/// A triangle of number 3 with four sets of texture coordinates, in an object of half the size.
 fn scene() -> Scene {
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let mesh = TriangleMesh {
         positions: corners.map(Vec3::from).to_vec(),
         uvs: [[0.0, 0.0], [6.0, 0.0], [0.0, 6.0]].map(Vec2::from).to_vec(),
-        more_uvs: vec![[[0.0, 0.0], [20.0, 0.0], [0.0, 20.0]].map(Vec2::from).to_vec()],
+        more_uvs: [20.0, 9.0, 13.0]
+            .map(|side| [[0.0, 0.0], [side, 0.0], [0.0, side]].map(Vec2::from).to_vec())
+            .to_vec(),
         triangles: vec![[0, 1, 2]; 4],
         materials: vec![0; 4],
         ..TriangleMesh::default()
@@ -66,6 +68,8 @@ fn pictures_are_averaged_over_what_the_cone_covers_of_their_coordinates() {
         ("at.uv + 0.1 * sin(at.position.xy)", "at.footprint"),
         ("0.5 * vec2f(at.uv.x + at.uv.y, at.uv.x - at.uv.y)", "at.footprint * (0.5 * sqrt(2.0))"),
         ("clamp(at.uv1, vec2f(0.1), vec2f(0.9))", "at.footprint1"),
+        ("at.uv3 * 2.0", "at.footprint3 * 2.0"),
+        ("uv_set(at, 2u) + 0.25", "at.footprint2"),
         ("at.position.zx * 5.0", "at.width * 5.0"),
         ("at.object_position.xy", "at.object_width"),
         ("warped(at.uv)", "at.footprint * 9.0"),

@@ -263,6 +263,12 @@ where
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
         let frame = &self.shader_frame.frame;
+        let sample_of = |state: &CallState| {
+            let CallState { pixel, sample, .. } = *state;
+            (Some(CameraSample { pixel, sample }), state.camera_sample().is_some())
+        };
+        let met = frame.pass_on(&batch, sample_of, out);
+        let batch = met.as_ref().map_or(batch, GivenRays::batch);
         let given = frame.add_first_hits(&batch, true, CallState::camera_sample);
         let batch = given.as_ref().map_or(batch, GivenRays::batch);
         let mut free_list = self.slots.local_free_list();

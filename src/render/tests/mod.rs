@@ -22,6 +22,8 @@ mod recursion;
 mod scattering;
 mod scenes;
 #[cfg(feature = "wgsl")]
+mod see_through;
+#[cfg(feature = "wgsl")]
 mod shaders;
 mod single_ray;
 #[cfg(feature = "wgsl")]

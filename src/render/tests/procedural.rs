@@ -14,7 +14,7 @@ use std::sync::Arc;
 const SETTINGS: Settings = Settings::new(16, 16).with_spp(1024).with_max_bounces(3);
 
 /// A material of code.
-fn coded(scene: &mut Scene, surface: impl Procedural) -> u32 {
+pub(super) fn coded(scene: &mut Scene, surface: impl Procedural) -> u32 {
     scene.procedurals.push(ProceduralSurface::new(surface));
     let surface = Surface::Procedural(scene.procedurals.len() as u32 - 1);
     add_material(scene, of(surface))
@@ -126,9 +126,9 @@ fn a_part_of_a_mix_shines() {
 
 /// Lets some rays pass.
 #[derive(Debug)]
-struct Gauze {
-    opacity: f32,
-    albedo: f32,
+pub(super) struct Gauze {
+    pub(super) opacity: f32,
+    pub(super) albedo: f32,
 }
 
 impl Procedural for Gauze {

@@ -164,4 +164,10 @@ impl HitShader for WgslShader {
         let WgslState { pixel, sample, .. } = *state;
         (self.depth(state) == 0).then_some(CameraSample { pixel, sample })
     }
+
+    #[inline]
+    fn sample_of(&self, state: &WgslState) -> Option<CameraSample> {
+        let WgslState { pixel, sample, .. } = *state;
+        Some(CameraSample { pixel, sample })
+    }
 }

@@ -23,6 +23,7 @@ pub struct LoadOptions {
     pub(super) time: Option<f64>,
     pub(super) animation: Option<String>,
     pub(super) stroke_width: Option<f32>,
+    pub(super) all_uv_sets: bool,
     pub(super) root: Option<PathBuf>,
 }
 
@@ -59,6 +60,13 @@ impl LoadOptions {
     #[must_use]
     pub fn with_animation(self, name: impl Into<String>) -> Self {
         Self { animation: Some(name.into()), ..self }
+    }
+
+    /// Keeps all sets of texture coordinates of a glTF file's meshes, up to four, for surfaces of user code. Otherwise
+    /// only materials that ask for such a surface in the file do, and others keep what their textures use.
+    #[must_use]
+    pub fn with_all_uv_sets(self, all_uv_sets: bool) -> Self {
+        Self { all_uv_sets, ..self }
     }
 
     /// The diameter of the balls and tubes that stand for points and lines, above 0, in the scene's units. Otherwise it

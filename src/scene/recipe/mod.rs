@@ -31,6 +31,7 @@ mod material;
 mod mix;
 mod object;
 mod openpbr;
+mod openpbr_fields;
 mod pattern;
 mod shape;
 mod unique;

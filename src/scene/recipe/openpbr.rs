@@ -1,6 +1,5 @@
 //! OpenPBR's surface in recipes.
 
-use super::within;
 use crate::scene::{
     Anisotropy, Colour, Iridescence, Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Scalar,
     TextureRef,
@@ -181,52 +180,8 @@ impl ColorSpace {
 impl OpenPbrRecipe {
     /// Checks the ranges.
     pub(super) fn check(&self) -> Result<(), String> {
-        for (name, value, least, most) in [
-            ("base-weight", self.base_weight, 0.0, 1.0),
-            ("base-diffuse-roughness", self.base_diffuse_roughness, 0.0, 1.0),
-            ("base-metalness", self.base_metalness, 0.0, 1.0),
-            ("specular-weight", self.specular_weight, 0.0, 100.0),
-            ("specular-roughness", self.specular_roughness, 0.0, 1.0),
-            ("specular-roughness-anisotropy", self.specular_roughness_anisotropy, 0.0, 1.0),
-            ("specular-ior", self.specular_ior, 0.1, 10.0),
-            ("transmission-weight", self.transmission_weight, 0.0, 1.0),
-            ("transmission-depth", self.transmission_depth, 0.0, 1e6),
-            ("transmission-scatter-anisotropy", self.transmission_scatter_anisotropy, -1.0, 1.0),
-            ("subsurface-weight", self.subsurface_weight, 0.0, 1.0),
-            ("subsurface-radius", self.subsurface_radius, 0.0, 1e6),
-            ("subsurface-scatter-anisotropy", self.subsurface_scatter_anisotropy, -1.0, 1.0),
-            ("transmission-dispersion-scale", self.transmission_dispersion_scale, 0.0, 1.0),
-            ("transmission-dispersion-abbe-number", self.transmission_dispersion_abbe_number, 1.0, 1e3),
-            ("coat-weight", self.coat_weight, 0.0, 1.0),
-            ("coat-roughness", self.coat_roughness, 0.0, 1.0),
-            ("coat-roughness-anisotropy", self.coat_roughness_anisotropy, 0.0, 1.0),
-            ("coat-ior", self.coat_ior, 0.1, 10.0),
-            ("coat-darkening", self.coat_darkening, 0.0, 1.0),
-            ("fuzz-weight", self.fuzz_weight, 0.0, 1.0),
-            ("fuzz-roughness", self.fuzz_roughness, 0.0, 1.0),
-            ("emission-luminance", self.emission_luminance, 0.0, 1e6),
-            ("thin-film-weight", self.thin_film_weight, 0.0, 1.0),
-            ("thin-film-thickness", self.thin_film_thickness, 0.0, 10.0),
-            ("thin-film-ior", self.thin_film_ior, 0.1, 10.0),
-            ("geometry-opacity", self.geometry_opacity, 0.0, 1.0),
-        ] {
-            within(name, value, least, most)?;
-        }
-        for (name, colour, most) in [
-            ("base-color", self.base_color, 1.0),
-            ("specular-color", self.specular_color, 1.0),
-            ("transmission-color", self.transmission_color, 1.0),
-            ("transmission-scatter", self.transmission_scatter, 1.0),
-            ("subsurface-color", self.subsurface_color, 1.0),
-            ("subsurface-radius-scale", self.subsurface_radius_scale, 1.0),
-            ("coat-color", self.coat_color, 1.0),
-            ("fuzz-color", self.fuzz_color, 1.0),
-            ("emission-color", self.emission_color, 1e3),
-        ] {
-            within(&format!("the least channel of {name}"), colour.min_element(), 0.0, most)?;
-            within(&format!("the largest channel of {name}"), colour.max_element(), 0.0, most)?;
-        }
-        Ok(())
+        let mut copy = *self;
+        copy.fields().into_iter().try_for_each(|(name, field)| field.check(name))
     }
 
     /// A share of light in linear Rec. 709.
@@ -235,7 +190,7 @@ impl OpenPbrRecipe {
     }
 
     /// The surface. `tangent` is the rotation of the rougher direction in radians.
-    pub(super) fn surface(&self, texture: Option<TextureRef>, tangent: f32) -> OpenPbr {
+    pub(in crate::scene) fn surface(&self, texture: Option<TextureRef>, tangent: f32) -> OpenPbr {
         let number = Scalar::constant;
         let colour = |colour| Colour::constant(self.share(colour));
         let is_anisotropic = self.specular_roughness_anisotropy > 0.0 || self.coat_roughness_anisotropy > 0.0;
@@ -252,6 +207,7 @@ impl OpenPbrRecipe {
             anisotropy: number(self.coat_roughness_anisotropy),
             ior: self.coat_ior,
             darkening: self.coat_darkening,
+            frame: None,
         };
         let fuzz = OpenPbrFuzz {
             weight: number(self.fuzz_weight),
@@ -291,7 +247,7 @@ impl OpenPbrRecipe {
     }
 
     /// Emitted radiance, after the coat's absorption; 0 if nothing is emitted.
-    pub(super) fn radiance(&self) -> Vec3 {
+    pub(in crate::scene) fn radiance(&self) -> Vec3 {
         let coat = self.share(self.coat_color).map(f32::sqrt);
         let light = self.color_space.to_rec709(self.emission_color) * self.emission_luminance;
         light * Vec3::ONE.lerp(coat, self.coat_weight)
@@ -299,7 +255,7 @@ impl OpenPbrRecipe {
 
     /// The medium inside of the body. `None` if there is none. Where the base is translucent and lets light diffuse, it
     /// is the mean of both media by their shares of the surface.
-    pub(super) fn medium(&self) -> Option<Medium> {
+    pub(in crate::scene) fn medium(&self) -> Option<Medium> {
         if self.geometry_thin_walled {
             return None;
         }

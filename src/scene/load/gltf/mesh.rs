@@ -23,6 +23,8 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) struct Materials<'a> {
     pub(super) converted: &'a [Converted],
     pub(super) chosen: &'a MaterialsByPrimitive,
+    /// True if primitives without a material keep all sets of texture coordinates.
+    pub(super) all_uv_sets: bool,
 }
 
 impl Materials<'_> {
@@ -32,6 +34,29 @@ impl Materials<'_> {
         // Surfaces of user code, for instance, see the first set of meshes without textures.
         if sets.is_empty() { &[0] } else { sets }
     }
+
+    /// The sets of a primitive beside those that its material uses, for surfaces of user code. They follow the others.
+    fn further_uv_sets(&self, primitive: &Primitive, material: Option<usize>) -> Vec<u32> {
+        let used = self.uv_sets(material);
+        if !material.map_or(self.all_uv_sets, |material| self.converted[material].has_all_uv_sets) {
+            return Vec::new();
+        }
+        // Without a first set there are no others.
+        if !used.iter().take(1).any(|&set| has_uvs(primitive, set) || has_uvs(primitive, 0)) {
+            return Vec::new();
+        }
+        let further = (0..SEEN_SETS as u32).filter(|set| !used.contains(set));
+        further.filter(|&set| has_uvs(primitive, set)).take(SEEN_SETS.saturating_sub(used.len())).collect()
+    }
+}
+
+/// Sets of texture coordinates that surfaces of user code see.
+const SEEN_SETS: usize = 4;
+
+/// True if a primitive has a set of texture coordinates, for each of its vertices.
+fn has_uvs(primitive: &Primitive, set: u32) -> bool {
+    let count = |semantic| Some(primitive.get(&semantic)?.count());
+    count(Semantic::TexCoords(set)).is_some_and(|found| count(Semantic::Positions) == Some(found))
 }
 
 /// The triangles of all nodes visited so far.
@@ -277,6 +302,10 @@ impl<'a> Flattened<'a> {
             }
             uvs.push(found);
         }
+        for set in self.materials.further_uv_sets(primitive, material) {
+            let accessor = primitive.get(&Semantic::TexCoords(set));
+            uvs.push(accessor.map(|accessor| (format!("TEXCOORD_{set}"), accessor)));
+        }
         let normals = primitive.get(&Semantic::Normals);
         let attributes = Attributes {
             positions: primitive.get(&Semantic::Positions).ok_or("has no POSITION attribute")?,
@@ -431,7 +460,8 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         let [mut normals, uvs, tangents, colours] =
             [Semantic::Normals, Semantic::TexCoords(0), Semantic::Tangents, Semantic::Colors(0)]
                 .map(|semantic| primitive.get(&semantic).is_some());
-        let sets = materials.uv_sets(materials.chosen.of(mesh.index(), &primitive)).len();
+        let material = materials.chosen.of(mesh.index(), &primitive);
+        let sets = materials.uv_sets(material).len() + materials.further_uv_sets(&primitive, material).len();
         let more_uvs = sets as u32 - 1;
         // Primitives that share all their attributes share their vertices.
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();

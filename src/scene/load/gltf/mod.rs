@@ -108,14 +108,15 @@ impl File {
         textures.decode_ahead(context.session, wanted);
         let (mut converted, mut surface_requests) = (Vec::new(), Vec::new());
         for ((number, material), &colours) in (0..).zip(document.materials()).zip(&colours) {
-            converted.push(material::convert(&mut context, &mut textures, &material, colours)?);
-            surface_requests.extend(extras::surface_request(
-                number,
-                &material,
-                &mut context.session.warnings,
-            ));
+            let mut convert = material::convert(&mut context, &mut textures, &material, colours)?;
+            let request = extras::surface_request(number, &material, &mut context.session.warnings);
+            convert.has_all_uv_sets |= request.is_some();
+            converted.push(convert);
+            surface_requests.extend(request);
         }
-        let world = node::flatten(&mut context, Materials { converted: &converted, chosen: &chosen })?;
+        let all_uv_sets = context.session.options.all_uv_sets;
+        let known = Materials { converted: &converted, chosen: &chosen, all_uv_sets };
+        let world = node::flatten(&mut context, known)?;
         let mut materials: Vec<Material> = converted.into_iter().map(|m| m.material).collect();
         if world.uses_fallback {
             let is_coloured = colours.last().is_some_and(|colours| colours.rgb);

@@ -12,7 +12,9 @@
 //!
 //! If `Pm` makes a metal of illum 3 or 5, its colour is `Kd`, as in the PBR extension, or `Ks` if `Kd` is black. Maps
 //! multiply their factors. A Phong exponent n corresponds to a GGX alpha of √(2 / (n + 2)). `Pr` is perceptual: alpha
-//! = `Pr`².
+//! = `Pr`². A material with OpenPBR's parameters has OpenPBR's surface instead ([`openpbr`]).
+
+mod openpbr;
 
 use super::super::session::Session;
 use super::super::{LoadProblem, beside, named};
@@ -44,6 +46,9 @@ pub(super) fn convert(
     session: &mut Session,
 ) -> Result<Material, LoadProblem> {
     let mut converter = Converter { path, definition, coloured, textures, session };
+    if let Some(openpbr) = &definition.openpbr {
+        return converter.openpbr(openpbr);
+    }
     let surface = converter.surface()?;
     let is_body = match &surface {
         Surface::Dielectric { .. } => true,
@@ -56,7 +61,7 @@ pub(super) fn convert(
         emission: converter.emission()?,
         normal_map: converter.normal_map()?,
         // A dielectric's transparency is refraction, so the material's opacity must not apply as well.
-        alpha: if is_body { Alpha::default() } else { converter.alpha()? },
+        alpha: if is_body { Alpha::default() } else { converter.opacity()? },
         medium: None,
     })
 }
@@ -231,9 +236,15 @@ impl Converter<'_> {
             self.warn("Ke is negative; 0 is used");
             factor = factor.max(Vec3::ZERO);
         }
+        self.emitted(factor, "Ke, which is black")
+    }
+
+    /// Emission of a radiance that `map_Ke` multiplies. `black` names the radiance where it is 0.
+    fn emitted(&mut self, factor: Vec3, black: &str) -> Result<Option<Emission>, LoadProblem> {
+        let d = self.definition;
         if factor == Vec3::ZERO {
             if d.map_ke.is_some() {
-                self.warn("map_Ke has no effect: it is multiplied by Ke, which is black");
+                self.warn(&format!("map_Ke has no effect: it is multiplied by {black}"));
             }
             return Ok(None);
         }
@@ -258,12 +269,18 @@ impl Converter<'_> {
         Ok(None)
     }
 
-    fn alpha(&mut self) -> Result<Alpha, LoadProblem> {
+    fn opacity(&mut self) -> Result<Alpha, LoadProblem> {
         let d = self.definition;
         let opacity = d.d.or(d.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let factor = self.clamped("d", opacity);
+        self.alpha(factor, "d is 0, or Tr is 1")
+    }
+
+    /// Alpha of an opacity that maps multiply. `none` says which opacity is 0.
+    fn alpha(&mut self, factor: f32, none: &str) -> Result<Alpha, LoadProblem> {
+        let d = self.definition;
         if factor == 0.0 {
-            self.warn("the material is invisible: d is 0, or Tr is 1");
+            self.warn(&format!("the material is invisible: {none}"));
         }
         let texture = match (&d.map_d, &d.map_kd) {
             (Some(map), _) => {

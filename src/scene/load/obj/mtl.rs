@@ -3,6 +3,7 @@
 use super::super::warnings::Warnings;
 use super::super::{LoadProblem, quote};
 use super::{split_keyword, statements, words};
+use crate::scene::recipe::OpenPbrRecipe;
 use crate::scene::{Channel, Wrap};
 use glam::{Vec2, Vec3};
 use std::path::Path;
@@ -39,6 +40,8 @@ pub(super) struct Definition {
     pub(super) aniso: Option<f32>,
     /// Rotation of the anisotropy, in turns.
     pub(super) anisor: Option<f32>,
+    /// OpenPBR's parameters, if the file names any.
+    pub(super) openpbr: Option<OpenPbrRecipe>,
     pub(super) map_kd: Option<Map>,
     pub(super) map_ke: Option<Map>,
     pub(super) map_d: Option<Map>,
@@ -46,6 +49,8 @@ pub(super) struct Definition {
     pub(super) map_pm: Option<Map>,
     pub(super) map_bump: Option<Map>,
     pub(super) norm: Option<Map>,
+    /// `openpbr_geometry_coat_normal`.
+    pub(super) coat_normal: Option<Map>,
 }
 
 /// A texture map with its options.
@@ -134,7 +139,19 @@ impl Definition {
             "norm" | "map_Kn" => self.norm = Some(map(arguments, &mut warn)?),
             // Ambient light is computed. Sharpness and antialiasing are not properties of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
-            _ => warn(&format!("the MTL statement {} is not supported and is ignored", quote(keyword))),
+            _ => match keyword.strip_prefix("openpbr_") {
+                Some("geometry_coat_normal") => {
+                    self.openpbr.get_or_insert_default();
+                    self.coat_normal = Some(map(arguments, &mut warn)?);
+                }
+                Some(parameter) => {
+                    let words: Vec<&str> = words(arguments).collect();
+                    self.openpbr.get_or_insert_default().set(parameter, &words)?;
+                }
+                None => {
+                    warn(&format!("the MTL statement {} is not supported and is ignored", quote(keyword)))
+                }
+            },
         }
         Ok(())
     }

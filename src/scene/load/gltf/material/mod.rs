@@ -24,6 +24,8 @@ pub(super) struct Converted {
     /// The sets of the file (1 for `TEXCOORD_1`) in the order in which the material's textures name them, the base
     /// colour's first. Set `k` of the mesh ([`TextureRef::set`]) holds the set `uv_sets[k]` of the file.
     pub(super) uv_sets: Vec<u32>,
+    /// True if meshes keep their other sets, too, for surfaces of user code.
+    pub(super) has_all_uv_sets: bool,
 }
 
 /// Converts a material. `colours` says whether meshes with vertex colours use it.
@@ -49,7 +51,8 @@ pub(super) fn convert<'a>(
         let medium = converter.medium();
         Material { name: converter.name, surface, emission, normal_map, alpha, medium }
     };
-    Ok(Converted { material, uv_sets: converter.uv_sets })
+    let has_all_uv_sets = converter.context.session.options.all_uv_sets;
+    Ok(Converted { material, uv_sets: converter.uv_sets, has_all_uv_sets })
 }
 
 struct Converter<'a, 'b> {

@@ -1,0 +1,109 @@
+//! Rays that pass surfaces of computed opacity, for all integrators that do not decide it themselves.
+//!
+//! Before a shader sees a batch, the hits on such surfaces are shaded for their opacity alone. A ray that passes is
+//! emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones, depths and
+//! payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle once.
+
+use super::first_hits::GivenRays;
+use super::{CameraSample, Frame, hits_of, rays_of};
+use crate::geom::{Sampler, mix_lanes};
+use crate::lanes::{Int, LaneTask, Lanes, SingleLane};
+use crate::scene::{Scene, Surface};
+use crate::schedule::{Batch, Output};
+use crate::shade::{Cone, Interaction, pass_through, sort};
+use crate::stream::Ray;
+use bytemuck::Pod;
+
+/// What selects a ray's random numbers: pixel, sample, and a number that tells the path's rays apart.
+type Draw = [u32; 3];
+
+impl Frame {
+    /// True if rays may pass a surface of the scene.
+    pub(super) fn is_seen_through(&self) -> bool {
+        self.scene().procedurals.iter().any(|surface| surface.effects().has_opacity)
+    }
+
+    /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has passed.
+    /// `sample_of` tells the sample of a ray, and whether it is a camera ray.
+    pub(super) fn pass_on<P: Pod, S>(
+        &self,
+        batch: &Batch<'_, P>,
+        sample_of: impl Fn(&P) -> (Option<CameraSample>, bool),
+        out: &mut Output<'_, P, S>,
+    ) -> Option<GivenRays<P>> {
+        if !self.is_seen_through() {
+            return None;
+        }
+        let draw = |(payload, ray): (&P, &Ray)| {
+            let (sample, is_camera_ray) = sample_of(payload);
+            let number = if is_camera_ray { 0 } else { hash(ray) };
+            sample.map_or([number; 3], |CameraSample { pixel, sample }| [pixel, sample, number])
+        };
+        let draws: Vec<Draw> = batch.payloads.iter().zip(batch.rays).map(draw).collect();
+        let drawn = Batch { rays: batch.rays, hits: batch.hits, payloads: &draws };
+        let mut passed = self.simd().run(Decide { frame: self, batch: drawn });
+        passed.sort_unstable();
+        for &i in &passed {
+            let (ray, hit) = (batch.rays[i as usize], batch.hits[i as usize]);
+            out.ray(Ray { t_min: hit.t.next_up(), ..ray }, batch.payloads[i as usize]);
+        }
+        (!passed.is_empty()).then(|| GivenRays::without(batch, &passed))
+    }
+}
+
+/// A number of the line that a ray lies on.
+fn hash(ray: &Ray) -> u32 {
+    let words = ray.origin.iter().chain(&ray.direction).map(|number| number.to_bits());
+    words.fold(0, |hash, word| mix_lanes::<SingleLane>((hash ^ word).into()).get())
+}
+
+/// True if a material computes opacity.
+fn computes_opacity(scene: &Scene, material: u32) -> bool {
+    match scene.materials[material as usize].surface {
+        Surface::Procedural(index) => scene.procedurals[index as usize].effects().has_opacity,
+        _ => false,
+    }
+}
+
+/// Decides which rays of a batch pass.
+struct Decide<'a> {
+    frame: &'a Frame,
+    batch: Batch<'a, Draw>,
+}
+
+impl LaneTask for Decide<'_> {
+    /// The rays that pass, in no order.
+    type Output = Vec<u32>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) -> Vec<u32> {
+        let Self { frame, batch } = self;
+        let scene = frame.scene();
+        let cone = Cone::unpack(Int::splat(l, frame.cone().pack().to_array()[0]));
+        let mut passed = Vec::new();
+        for run in sort(l, batch.hits, scene).runs() {
+            let Some(material) = run.material else { continue };
+            if !computes_opacity(scene, material) {
+                continue;
+            }
+            let material = &scene.materials[material as usize];
+            for rays in run.rays.chunks(L::LANES) {
+                // Lanes that are left over repeat the first ray and count for nothing.
+                let (ids, lanes) = Int::some(l, rays, rays[0]);
+                let [pixel, sample, number] = ids.rows(batch.payloads.as_flattened());
+                let hits = hits_of(&batch, ids);
+                let width = cone.at(hits.t).width;
+                let at = &Interaction::new(scene, material, rays_of(&batch, ids).1, &hits, width);
+                let Some(opacity) = at.opacity(scene, material) else { continue };
+                let sampler = Sampler::of(pixel, sample, frame.settings().seed);
+                let passes = pass_through::passes(opacity, &sampler, number, at.texture.primitive);
+                // Rays through the centres of pixels find what is there.
+                let lanes = lanes & passes & !sample.is(CameraSample::CENTRE);
+                let mut some = L::array(0);
+                let count = ids.append(lanes, some.as_mut());
+                passed.extend_from_slice(&some.as_ref()[..count]);
+            }
+        }
+        passed
+    }
+}
