@@ -7,10 +7,10 @@
 The page has a line `<!-- begin: NAME -->` and a line `<!-- end: NAME -->`; what stands between them is replaced by the
 command, the machine and the table. NAME's first word says which table: `rays`, `contenders`, `threads`, `small`,
 `build`, `ladder`, `frame`, `tail`, `textures`, `shaders`, `adaptive`, `noise`, `profiles`, `schedule`, `latency`,
-`rtrt`, `live`, `livefarm`, `livelinks`, `moving`, `service`, `plan`, `plancheck` or `farmspeed`; further words only
-distinguish two blocks of a page. A page without the two lines gets them at its end, with the table. Tables over scenes
-take files of one machine and one build, with one scene or several in each. A scene is called what its file is called,
-or LABEL where there is one in the file.
+`rtrt`, `povray`, `raster`, `live`, `livefarm`, `livelinks`, `moving`, `service`, `plan`, `plancheck` or `farmspeed`;
+further words only distinguish two blocks of a page. A page without the two lines gets them at its end, with the table.
+Tables over scenes take files of one machine and one build, with one scene or several in each. A scene is called what
+its file is called, or LABEL where there is one in the file.
 
 --machine TEXT    names the machine where the file does not, or better than the file does
 --build COMMIT    the commit that was measured [default: the checkout's, with "changed" if it has changes]
@@ -125,16 +125,27 @@ PLAIN = {
         ("at 100 Mbit", "network_frames_per_s", 1, "{:.0f}"),
         ("late", "late", None, "{}"),
     ],
-    "livelinks": [
+    "povray": [
         ("scene", "label", None, "{}"),
-        ("workers", "workers", None, "{}"),
-        ("links", "link", None, "{}"),
-        ("frames/s", "frames_per_s", 1, "{:.1f}"),
-        ("pixels", "area", 100, "{:.0f} %"),
-        ("full frames/s", "full_frames_per_s", 1, "{:.1f}"),
-        ("slowest, ms", "worst_ms", 1, "{:.0f}"),
-        ("kB", "frame_bytes", 1e-3, "{:.0f}"),
-        ("late", "late", None, "{}"),
+        ("triangles", "triangles", None, "{}"),
+        ("threads", "threads", None, "{}"),
+        ("shadows", "shadows", None, "{}"),
+        ("renderer", "renderer", None, "{}"),
+        ("µs a ray", "us_per_ray.median", 1, "{:.3f}"),
+        ("best", "us_per_ray.best", 1, "{:.3f}"),
+        ("worst", "us_per_ray.worst", 1, "{:.3f}"),
+        ("times", "times", 1, "{:.1f}"),
+        ("before the first ray, s", "prepare_s", 1, "{:.2f}"),
+    ],
+    "raster": [
+        ("layers", "layers", None, "{}"),
+        ("triangles", "triangles", None, "{}"),
+        ("a ray", "depth_complexity", 1, "{:.1f}"),
+        ("near first", "near_first_s.median", 1e3, "{:.2f}"),
+        ("far first", "far_first_s.median", 1e3, "{:.2f}"),
+        ("rays alone", "rays_s.median", 1e3, "{:.2f}"),
+        ("frame of rays", "frame_s.median", 1e3, "{:.2f}"),
+        ("tree", "build_s", 1e3, "{:.0f}"),
     ],
     "moving": [
         ("frames", "configuration", None, "{}"),
@@ -244,6 +255,9 @@ PLAIN = {
         ("bounce, Mray/s", "bounce_mray_per_s.median", 1, "{:.2f}"),
     ],
 }
+LINKED = [column for column in PLAIN["livefarm"] if column[0] != "at 100 Mbit"]
+PLAIN["livelinks"] = [*LINKED[:2], ("links", "link", None, "{}"), *LINKED[2:]]
+CROSSOVERS = ["layers", "rasteriser draws", "rays faster from", "faster with the most triangles"]
 
 
 def table(titles, rows):
@@ -440,6 +454,15 @@ def rtrt(rows, _):
     return "\n\n".join(plain(name, rows) for name, rows in parts.items() if rows)
 
 
+def raster(rows, _):
+    """Frames by a rasteriser and by camera rays, then where rays become faster."""
+    frames, crossed = ([row for row in rows if key in row] for key in ["frame_s", "crossover"])
+    on = f"{frames[0]['adapter']} rasterises, {frames[0]['threads']} threads trace; ms:"
+    at = lambda of: number(of["crossover"], 1, "{:.0f}")
+    cells = [[str(of["layers"]), of["order"], at(of), of["faster_at_most"]] for of in crossed]
+    return "\n\n".join([on, plain("raster", frames), table(CROSSOVERS, cells)])
+
+
 def latency(rows, _):
     """Times of queries by their rays, then the speed of a frame beside an interactive client."""
     queries = [row for row in rows if "latency_us" in row]
@@ -473,6 +496,7 @@ OTHERS = {
     "build": build,
     "ladder": ladder,
     "rtrt": rtrt,
+    "raster": raster,
 }
 
 

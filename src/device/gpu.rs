@@ -128,7 +128,10 @@ impl Gpu {
 
     /// Runs `work`, which uses wgpu. Any failure loses the device for good: an error that `work` returns, an uncaptured
     /// error of wgpu, or a panic.
-    pub(crate) fn guard<T>(
+    ///
+    /// # Errors
+    /// Why the device is lost.
+    pub fn guard<T>(
         &self,
         work: impl FnOnce(&wgpu::Device, &wgpu::Queue) -> Result<T, String>,
     ) -> Result<T, String> {

@@ -114,6 +114,33 @@ class Results(unittest.TestCase):
         self.assertIn("| geometric mean of the ratios | 4.00 |\n| least ratio | 2.00 |\n", page)
         self.assertIn("| tracer, obvhs | 2 | 8.00 (4.00) |\n", page)
 
+    def test_povray_and_raystream_have_a_line_each(self):
+        row = lambda renderer, time, times: {
+            "scene": "terrain:142", "triangles": 40328, "shadows": False, "renderer": renderer, "prepare_s": 0.5,
+            "us_per_ray": {"median": time, "best": time, "worst": 2 * time}, **times,
+        }
+        sheet = self.sheet("bench povray", row("raystream", 0.05, {}), row("POV-Ray", 1.25, {"times": 25.0}))
+        run, page = self.write(PAGE.replace("schedule", "povray"), sheet, "povray")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("| terrain:142 | 40328 | 1 | no | raystream | 0.050 | 0.050 | 0.100 |  | 0.50 |", page)
+        self.assertIn("| terrain:142 | 40328 | 1 | no | POV-Ray | 1.250 | 1.250 | 2.500 | 25.0 | 0.50 |", page)
+
+    def test_frames_of_a_rasteriser_stand_above_the_crossovers(self):
+        time = lambda ms: {"median": ms / 1e3}
+        frame = {
+            "layers": 4, "triangles": 1000, "depth_complexity": 4.25, "adapter": "A (vulkan, software)",
+            "build_s": 0.01, "near_first_s": time(1), "far_first_s": time(2), "rays_s": time(3),
+            "frame_s": time(4),
+        }
+        crossed = {"layers": 4, "order": "near first", "crossover": 12345.6, "faster_at_most": "rays"}
+        never = {"layers": 4, "order": "far first", "crossover": None, "faster_at_most": "rasteriser"}
+        sheet = self.sheet("bench raster", frame, crossed, never)
+        run, page = self.write(PAGE.replace("schedule", "raster"), sheet, "raster")
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("A (vulkan, software) rasterises, 1 threads trace; ms:", page)
+        self.assertIn("| 4 | 1000 | 4.2 | 1.00 | 2.00 | 3.00 | 4.00 | 10 |", page)
+        self.assertIn("| 4 | near first | 12346 | rays |\n| 4 | far first |  | rasteriser |", page)
+
     def test_a_page_without_the_block_gets_one(self):
         row = {"threads": 2, "load": "empty", "tasks_per_s": {"median": 1e6}}
         run, page = self.write("# Page\n", self.sheet("bench schedule", row))

@@ -16,7 +16,7 @@ const CONFINED: &[(&str, &str, &[&str])] = &[
     (
         r"\b(wgpu|ash|pollster)\b\s*(::|;|\{| as )",
         "the graphics interface",
-        &["src/device/", "src/trace/gpu/", "src/program/gpu/"],
+        &["src/device/", "src/trace/gpu/", "src/program/gpu/", "crates/bench/src/raster/"],
     ),
     (r"\bnaga\b\s*(::|;|\{| as )", "the IR of shaders", &["src/device/", "src/program/", "src/trace/gpu/"]),
     (r"\b(clap|indicatif|ctrlc|env_logger)\b\s*(::|;|\{| as )", "the command line", &["crates/cli/src/"]),

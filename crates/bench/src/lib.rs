@@ -3,6 +3,7 @@
 pub mod adaptive;
 pub mod build;
 pub mod embree;
+pub mod flat;
 pub mod frame;
 pub mod latency;
 pub mod modelled_device;
@@ -10,6 +11,9 @@ pub mod noise;
 mod order;
 mod peers;
 pub mod pictures;
+pub mod povray;
+#[cfg(feature = "gpu")]
+pub mod raster;
 pub mod rays;
 pub mod rtrt;
 pub mod schedule;

@@ -1,6 +1,8 @@
 //! `raystream bench`.
 
-use super::{SpecArgs, UnitArgs};
+#[cfg(feature = "gpu")]
+use super::bench_rtrt::BenchRasterArgs;
+use super::{BenchPovrayArgs, SpecArgs, UnitArgs};
 use clap::builder::RangedI64ValueParser;
 use clap::{Args, Subcommand, value_parser};
 use glam::Vec3;
@@ -59,6 +61,13 @@ pub enum BenchCommand {
     /// Measure the tables of Interactive Rendering with Coherent Ray Tracing: the triangle test in each layout of
     /// lanes, the visits that packets add, reflections and shadows, and time against the number of triangles.
     Tables(BenchTablesArgs),
+    /// Measure microseconds a primary ray with all rendering beside POV-Ray 3.7 (RTRT's Table 3): the scene's triangles
+    /// in one matte colour, flat shaded, in one parallel light, without shadows and with them.
+    Povray(BenchPovrayArgs),
+    /// Draw hills by a rasteriser and by camera rays, for numbers of triangles and of layers behind one another (RTRT's
+    /// Table 4): from how many triangles on are rays faster?
+    #[cfg(feature = "gpu")]
+    Raster(BenchRasterArgs),
 }
 
 impl BenchCommand {
@@ -79,6 +88,9 @@ impl BenchCommand {
             Self::Live(args) => vec![&args.scene],
             Self::Schedule(_) => Vec::new(),
             Self::Tables(args) => vec![&args.scene],
+            Self::Povray(args) => args.scenes.iter().map(|view| &*view.scene).collect(),
+            #[cfg(feature = "gpu")]
+            Self::Raster(_) => Vec::new(),
         }
     }
 
@@ -99,6 +111,9 @@ impl BenchCommand {
             Self::Live(args) => &args.shot.json,
             Self::Schedule(args) => &args.json,
             Self::Tables(args) => &args.json,
+            Self::Povray(args) => &args.json,
+            #[cfg(feature = "gpu")]
+            Self::Raster(args) => &args.json,
         };
         json.as_deref()
     }
@@ -519,11 +534,11 @@ pub struct BenchNoiseArgs {
     pub shot: ShotArgs,
 }
 
-fn rounds() -> RangedI64ValueParser<u32> {
+pub(super) fn rounds() -> RangedI64ValueParser<u32> {
     value_parser!(u32).range(1..=10_000)
 }
 
-fn threads() -> RangedI64ValueParser<u32> {
+pub(super) fn threads() -> RangedI64ValueParser<u32> {
     value_parser!(u32).range(1..=1024)
 }
 
@@ -536,7 +551,7 @@ fn bounces() -> RangedI64ValueParser<u32> {
 }
 
 /// `SCENE` or `SCENE@EYE@TARGET@FOV`.
-fn scene_view(text: &str) -> Result<SceneView, String> {
+pub(super) fn scene_view(text: &str) -> Result<SceneView, String> {
     let parts: Vec<&str> = text.split('@').collect();
     let [scene, eye, target, fov] = parts[..] else {
         return Ok(SceneView { scene: text.into(), view: None });

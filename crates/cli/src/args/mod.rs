@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+mod bench_rtrt;
 mod compare;
 mod doctor;
 mod merge;
@@ -19,6 +20,9 @@ pub use bench::{
     BenchLiveArgs, BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs,
     BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, LibraryArgs, PeerArgs, SceneView, ShotArgs,
 };
+pub use bench_rtrt::BenchPovrayArgs;
+#[cfg(feature = "gpu")]
+pub use bench_rtrt::BenchRasterArgs;
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use merge::MergeArgs;

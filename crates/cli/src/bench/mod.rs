@@ -7,6 +7,9 @@ mod gpu;
 mod latency;
 mod noise;
 mod peers;
+mod povray;
+#[cfg(feature = "gpu")]
+mod raster;
 mod rays;
 mod schedule;
 mod shaders;
@@ -56,6 +59,9 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Live(args) => bench_live(args).map(|()| Outcome::Done),
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
+        BenchCommand::Povray(args) => povray::run(args).map(|()| Outcome::Done),
+        #[cfg(feature = "gpu")]
+        BenchCommand::Raster(args) => raster::run(args).map(|()| Outcome::Done),
     }
 }
 

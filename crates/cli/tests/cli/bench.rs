@@ -162,3 +162,40 @@ fn what_rays_visit_on_a_device_is_counted_beside_a_binary_tree() {
     let text = run(folder.path(), &["bench", "gpu", "--count", &scene, "--adapter", "no such"], 2);
     assert!(text.contains("no such"), "{text}");
 }
+
+#[test]
+fn a_primary_ray_is_measured_beside_povray_where_it_is_installed() {
+    let folder = folder();
+    let text = run(folder.path(), &["bench", "povray", "terrain:5", "--povray", "no-such-renderer"], 2);
+    assert!(text.contains("no-such-renderer") && text.contains("name the program with --povray"), "{text}");
+    if std::process::Command::new("povray").arg("--version").output().is_err() {
+        return;
+    }
+    let args = ["--size", "32x24", "--rounds", "1", "--threads", "2", "--json", "b.json"];
+    let text = run(folder.path(), &[&["bench", "povray", "terrain:5"][..], &args].concat(), 0);
+    assert!(text.contains("POV-Ray 3.7"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let names: Vec<_> = rows.iter().map(|row| row["renderer"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["raystream", "POV-Ray", "raystream", "POV-Ray"]);
+    assert!(
+        rows.iter().all(|row| row["scene"] == "terrain:5" && row["threads"] == 2 && row["triangles"] == 50)
+    );
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn hills_are_drawn_by_a_rasteriser_and_by_rays() {
+    let folder = folder();
+    let sizes = ["--triangles", "2000,200", "--layers", "1,3", "--resolution", "64", "--rounds", "1"];
+    let args = [&["bench", "raster"][..], &sizes, &["--adapter", "llvmpipe", "--json", "b.json"]].concat();
+    let text = run(folder.path(), &args, 0);
+    assert!(text.contains("in software, on the cores that trace, too"), "{text}");
+    let report = json(&folder.path().join("b.json"));
+    let rows = report["rows"].as_array().expect("rows");
+    let counts: Vec<_> = rows.iter().filter_map(|row| row["triangles"].as_u64()).collect();
+    assert_eq!(counts, [200, 2048, 3 * 2 * 36, 3 * 2 * 18 * 18]);
+    assert_eq!(rows.iter().filter(|row| row["order"].is_string()).count(), 2 * 2);
+    let text = run(folder.path(), &["bench", "raster", "--adapter", "no such"], 2);
+    assert!(text.contains("no such"), "{text}");
+}

@@ -84,7 +84,7 @@ fn light_may_go_either_way_through_a_tilted_coat() {
                 continue;
             }
             let value = |bsdf: &OpenPbr<SingleLane>, wo: Vec3, wi: Vec3| {
-                Vec3::from(bsdf.evaluate(wo.into(), wi.into()).0) / wi.z.abs()
+                Vec3::from(evaluate(bsdf, wo.into(), wi.into()).0) / wi.z.abs()
             };
             // The coat's own lobe has the coat's cosine, so it is compared by itself, as is that of fibres.
             let own = [value(&bare, wo, wi), value(&bare, wi, wo)];
@@ -130,7 +130,7 @@ fn a_frame_that_is_the_base_s_changes_nothing_but_rounding() {
         let (plain, framed) = (numbers.bsdf(l), Numbers { coat_frame: frame(Vec3::Z), ..numbers }.bsdf(l));
         for (k, wo) in directions(8).enumerate() {
             let wi = crate::geom::warp::cosine_hemisphere(Sampler::new(i, k as u32, 8).pair(0));
-            let [a, b] = [&plain, &framed].map(|bsdf| Vec3::from(bsdf.evaluate(wo.into(), wi.into()).0));
+            let [a, b] = [&plain, &framed].map(|bsdf| Vec3::from(evaluate(bsdf, wo.into(), wi.into()).0));
             assert!(
                 (a - b).abs().max_element() <= 1e-5 * a.max_element().max(1.0),
                 "{a} and {b}: {numbers:?}"
@@ -152,6 +152,6 @@ fn a_smooth_coat_mirrors_at_its_own_normal() {
     let mirror = Numbers { roughness: 0.0, metalness: 1.0, ..coated };
     let smooth = mirror.bsdf(l).smooth(wo.into());
     assert_eq!(Vec3::from(smooth.reflected), Vec3::new(-wo.x, -wo.y, wo.z), "the base's mirror image");
-    let (light, pdf) = mirror.bsdf(l).evaluate(wo.into(), way.into());
+    let (light, pdf) = evaluate(&mirror.bsdf(l), wo.into(), way.into());
     assert!(light.x.get() > 1.0 && pdf.get() > 1.0, "the coat beside it is rough");
 }
