@@ -14,7 +14,7 @@ use crate::shade::{Cone, Interaction, pass_through, sort};
 use crate::stream::Ray;
 use bytemuck::Pod;
 
-/// What selects a ray's random numbers: pixel, sample, and a number that tells the path's rays apart.
+/// What selects a ray's random numbers: pixel, sample, and the ray's number in its path.
 type Draw = [u32; 3];
 
 impl Frame {
@@ -23,7 +23,8 @@ impl Frame {
         self.scene().procedurals.iter().any(|surface| surface.effects().has_opacity)
     }
 
-    /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has passed.
+    /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
+    /// passed.
     /// `sample_of` tells the sample of a ray, and whether it is a camera ray.
     pub(super) fn pass_on<P: Pod, S>(
         &self,

@@ -29,7 +29,8 @@ fn openpbr(material: &Material) -> OpenPbr {
 fn of_recipe(fields: &str) -> Material {
     let text = format!(
         r#"{{ "materials": {{ "m": {{ "openpbr": {{ {fields} }} }} }},
-              "shapes": [{{ "shape": "quad", "corner": [0, 0, 0], "u": [1, 0, 0], "v": [0, 1, 0], "material": "m" }}] }}"#
+              "shapes": [
+                {{ "shape": "quad", "corner": [0, 0, 0], "u": [1, 0, 0], "v": [0, 1, 0], "material": "m" }}] }}"#
     );
     let scene = Recipe::parse(&text).and_then(|recipe| recipe.build()).expect("a scene");
     let mut material = scene.materials[0].clone();
@@ -119,7 +120,8 @@ fn a_material_without_them_is_as_before() {
 
 #[test]
 fn classic_numbers_are_for_other_readers_and_maps_multiply() {
-    let classic = "Kd 0.1 0.2 0.3\nKs 1 1 1\nNs 90\nNi 1.9\nPr 0.9\nPm 1\nPc 1\nPs 1\naniso 1\nillum 7\nd 0.5\nKe 1 1 1";
+    let classic = "Kd 0.1 0.2 0.3\nKs 1 1 1\nNs 90\nNi 1.9\nPr 0.9\nPm 1\nPc 1\nPs 1\naniso 1\nillum 7\n\
+        d 0.5\nKe 1 1 1";
     let named = "openpbr_base_color 0.8 0.7 0.6\nopenpbr_geometry_opacity 0.25\nopenpbr_emission_luminance 2";
     assert_eq!(material(&format!("{classic}\n{named}")), material(named));
     assert_eq!(material(&format!("{named}\n{classic}")), material(named), "in any order");

@@ -147,8 +147,8 @@ impl<L: Lanes> OpenPbr<L> {
         coat.crossing(outer) * Vector::new(darkened.x.sqrt(), darkened.y.sqrt(), darkened.z.sqrt())
     }
 
-    /// BSDF × |cosine| of the subsurface for light from a direction of cosine `far_z`, above or below the surface. `veil` is that of light
-    /// from above.
+    /// BSDF × |cosine| of the subsurface for light from a direction of cosine `far_z`, above or below the surface.
+    /// `veil` is that of light from above.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn diffused(
         &self,
