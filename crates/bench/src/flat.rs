@@ -137,7 +137,8 @@ impl FlatPicture {
         if hit.is_miss() {
             return 0;
         }
-        shade(self.bvh.corners(hit.primitive), Vec3::from(ray.direction)) * 0x01_01_01 | 0xff << 24
+        let grey = shade(self.bvh.corners(hit.primitive), Vec3::from(ray.direction));
+        (grey * 0x01_01_01) | (0xff << 24)
     }
 }
 

@@ -165,7 +165,7 @@ impl Textures {
             session.check(size.to_string(), all)
         };
         let decoded = wanted.into_par_iter().with_max_len(1).filter_map(|image| {
-            let pixels = image.decoded(session, &afford)?;
+            let pixels = image.decoded(session, afford)?;
             Some((image.source, Arc::new(pixels)))
         });
         self.decoded.by_source.extend(decoded.collect::<Vec<_>>());

@@ -187,7 +187,7 @@ impl<'a> Rasteriser<'a> {
     pub fn picture(&self) -> Result<Vec<u32>, RasterError> {
         guarded(self.gpu, |device, queue| {
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            self.encode(&mut encoder, &[0..self.triangles]);
+            self.encode(&mut encoder, std::slice::from_ref(&(0..self.triangles)));
             self.targets.read(device, queue, encoder, PATIENCE)
         })
     }
