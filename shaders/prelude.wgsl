@@ -14,12 +14,12 @@ fn image_over(picture: texture_2d<f32>, uv: vec2f, side: f32) -> vec4f {
     return vec4f(uv, side, 1.0);
 }
 
-// The texture coordinates of a set of the mesh, from 0 to 3; those of the first where there is no such set.
-fn uv_set(at: Point, set: u32) -> vec2f {
-    if set == 0u { return at.uv; }
-    if set == 1u { return at.uv1; }
-    if set == 2u { return at.uv2; }
-    if set == 3u { return at.uv3; }
+// The texture coordinates of a set of the mesh, numbered from 0 to 3; those of the first where there is no such set.
+fn uv_set(at: Point, number: u32) -> vec2f {
+    if number == 0u { return at.uv; }
+    if number == 1u { return at.uv1; }
+    if number == 2u { return at.uv2; }
+    if number == 3u { return at.uv3; }
     return at.uv;
 }
 
