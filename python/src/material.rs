@@ -22,8 +22,7 @@ use std::sync::Arc;
 ///
 /// `texture` multiplies the colour, and its alpha `alpha`; `roughness_texture` (its green) the roughness,
 /// `metallic_texture` (its blue) metallic, `emission_texture` the emission; `normal_texture` is a normal map as
-/// glTF's, `coat_normal_texture` with `coat_normal_scale` that of OpenPBR's coat. Each is a `Texture`, or pixels of
-/// one.
+/// glTF's. Each is a `Texture`, or pixels of one.
 ///
 /// ValueError tells what is wrong with a value, and what is allowed.
 ///

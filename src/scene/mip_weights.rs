@@ -49,7 +49,6 @@ impl Scene {
         for material in &self.materials {
             let coats = match &material.surface {
                 Surface::Principled(surface) => surface.coat_normal_map,
-                Surface::OpenPbr(surface) => surface.coat.and_then(|coat| coat.normal_map()),
                 _ => None,
             };
             for map in material.normal_map.iter().chain(&coats) {

@@ -94,10 +94,7 @@ pub use mix::Mix;
 pub use moment::Moment;
 pub use named_camera::NamedCamera;
 pub use object::{Object, Objects};
-pub use openpbr::{
-    OpenPbr, OpenPbrCoat, OpenPbrCoatFrame, OpenPbrCoatNormals, OpenPbrCoatTangent, OpenPbrFuzz,
-    OpenPbrSubsurface,
-};
+pub use openpbr::{OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface};
 pub use own_surface::OwnSurface;
 pub(crate) use points::{BASE, PointSink};
 pub use points::{POINT_FIELDS, Points};

@@ -1,6 +1,6 @@
 //! OpenPBR's surface.
 
-use super::{Anisotropy, Colour, Iridescence, NormalMap, Scalar, TextureRef, index_for_channel};
+use super::{Anisotropy, Colour, Iridescence, Scalar, TextureRef, index_for_channel};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -70,60 +70,13 @@ pub struct OpenPbrCoat {
     pub color: Colour,
     /// `coat_roughness`, 0..=1. It makes the base rougher, too.
     pub roughness: Scalar,
-    /// `coat_roughness_anisotropy`, 0..=1, along the coat's own tangent or that of [`OpenPbr::specular_anisotropy`].
-    /// Without both, coats are isotropic.
+    /// `coat_roughness_anisotropy`, 0..=1, along the tangent of [`OpenPbr::specular_anisotropy`]. Without that, coats
+    /// are isotropic.
     pub anisotropy: Scalar,
     /// `coat_ior`, > 0.
     pub ior: f32,
     /// `coat_darkening`, 0..=1: strength of the darkening by reflections between coat and base.
     pub darkening: f32,
-    /// Normals and tangent of its own. `None` if it has those of the base.
-    pub frame: Option<OpenPbrCoatFrame>,
-}
-
-/// Normals and tangent of a coat.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OpenPbrCoatFrame {
-    /// `geometry_coat_normal`.
-    pub normals: OpenPbrCoatNormals,
-    /// `geometry_coat_tangent`, along which the coat is rougher. `None` for the base's.
-    pub tangent: Option<OpenPbrCoatTangent>,
-}
-
-/// Normals of a coat.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum OpenPbrCoatNormals {
-    /// Those of the base, with the material's normal map.
-    Base,
-    /// Those of the mesh, without a map.
-    Even,
-    /// Those of a map of its own.
-    Mapped(NormalMap),
-}
-
-/// A direction in the surface.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OpenPbrCoatTangent {
-    /// Rotation in radians, as [`Anisotropy::rotation`].
-    pub rotation: f32,
-    /// Texture of directions, as [`Anisotropy::direction`].
-    pub direction: Option<TextureRef>,
-}
-
-impl OpenPbrCoat {
-    /// The normal map of its own.
-    pub(crate) fn normal_map(&self) -> Option<NormalMap> {
-        match self.frame?.normals {
-            OpenPbrCoatNormals::Mapped(map) => Some(map),
-            OpenPbrCoatNormals::Base | OpenPbrCoatNormals::Even => None,
-        }
-    }
-
-    /// The tangent of its own, as an anisotropy without strength.
-    pub(crate) fn own_tangent(&self) -> Option<Anisotropy> {
-        let OpenPbrCoatTangent { rotation, direction } = self.frame?.tangent?;
-        Some(Anisotropy { strength: Scalar::constant(0.0), rotation, direction })
-    }
 }
 
 /// Fibres over coat and base.
@@ -163,8 +116,6 @@ impl OpenPbr {
             ("coat-color", coat.and_then(|coat| coat.color.texture)),
             ("coat-roughness", coat.and_then(|coat| of(&coat.roughness))),
             ("coat-roughness-anisotropy", coat.and_then(|coat| of(&coat.anisotropy))),
-            ("geometry-coat-normal", coat.and_then(|coat| Some(coat.normal_map()?.texture))),
-            ("geometry-coat-tangent", coat.and_then(|coat| coat.own_tangent()?.direction)),
             ("fuzz-weight", fuzz.and_then(|fuzz| of(&fuzz.weight))),
             ("fuzz-color", fuzz.and_then(|fuzz| fuzz.color.texture)),
             ("fuzz-roughness", fuzz.and_then(|fuzz| of(&fuzz.roughness))),
@@ -211,7 +162,6 @@ impl Default for OpenPbrCoat {
             anisotropy: Scalar::constant(0.0),
             ior: 1.6,
             darkening: 1.0,
-            frame: None,
         }
     }
 }

@@ -1,13 +1,14 @@
 //! Surface interactions: the points that rays hit, their shading bases and their texture footprints.
 
 use super::geometry::{Geometry, Hits};
-use super::normals::{MIN_COSINE, bend_where};
-use super::shading_bases::{Bases, Maps};
+use super::normals::{MIN_COSINE, bend_where, map_normal, rough_direction};
 use super::turn::Turn;
 use crate::geom::Basis;
-use crate::lanes::{Lanes, Mask, Num, Prefetch, Vector};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Prefetch, Vector};
+use crate::scene::corners::{corner_uvs, tangent_basis};
 use crate::scene::{
-    BlockFinishes, Finish, Footprint, Material, Points, Scene, Surface, TexturePoint, TriangleMesh,
+    Anisotropy, BlockFinishes, Finish, Footprint, Material, NormalMap, OwnSurface, Points, Scalar, Scene,
+    Surface, TexturePoint, TextureRef, TriangleMesh,
 };
 use crate::stream::Hit;
 
@@ -51,8 +52,6 @@ pub struct Interaction<L: Lanes> {
 pub struct CoatShape<L: Lanes> {
     /// Unit normals of the coats in the shading basis, bent like the surface's own normals.
     pub normal: Vector<L>,
-    /// Unit directions in the shading basis along which anisotropic coats are rougher, at right angles to `normal`.
-    pub tangent: Option<Vector<L>>,
     /// [`Footprint::bumps`] of the coats.
     pub bumps: Num<L>,
 }
@@ -248,6 +247,155 @@ impl<L: Lanes> Interaction<L> {
     }
 }
 
+/// Anisotropy along the tangent, of surfaces of user code that compute its strength.
+const ALONG_TANGENT: Anisotropy =
+    Anisotropy { strength: Scalar { factor: 0.0, texture: None }, rotation: 0.0, direction: None };
+
+/// The maps that change a material's shading bases.
+struct Maps<'a> {
+    /// True if the material has a normal map.
+    normal: bool,
+    anisotropy: Option<&'a Anisotropy>,
+    /// `None` if the coats share the material's normals. Otherwise the coats' own normal map, or `Some(None)`
+    /// if they have no map.
+    coat: Option<Option<&'a NormalMap>>,
+    /// The set of texture coordinates along which the tangents lie where the mesh has none of its own: that of the
+    /// first map of the three.
+    set: u32,
+}
+
+/// The shading bases of a material with maps, out of line.
+struct Bases<'a, L: Lanes> {
+    scene: &'a Scene,
+    material: &'a Material,
+    maps: Maps<'a>,
+    at: &'a Geometry<L>,
+    texture: &'a TexturePoint<L>,
+}
+
+/// The result of [`Bases`]: shading bases, [`Footprint::bumps`] and the shape of coats with normals of their own.
+struct Mapped<L: Lanes> {
+    basis: Basis<L>,
+    bumps: Num<L>,
+    coat: Option<CoatShape<L>>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Bases<'_, L> {
+    type Output = Mapped<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Mapped<L> {
+        let Self { scene, material, maps, at, texture } = self;
+        let mut texture = *texture;
+        let tangents = maps.tangents(scene, at);
+        let basis = shading_basis(scene, material, at, maps.anisotropy, tangents.as_ref(), &mut texture);
+        let coat = match maps.coat {
+            Some(map) => Some(coat_shape(scene, map, at, tangents.as_ref(), &texture, &basis)),
+            None => None,
+        };
+        Mapped { basis, bumps: texture.footprint.bumps, coat }
+    }
+}
+
+impl<'a> Maps<'a> {
+    /// True if the shading normals are the vertex normals, and no axis has a meaning.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn are_none(&self) -> bool {
+        !self.normal && self.anisotropy.is_none() && self.coat.is_none()
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn of(scene: &'a Scene, material: &'a Material) -> Self {
+        let (set, normal) = (|map: &NormalMap| map.texture.set, material.normal_map.is_some());
+        let (mut surface, mut anisotropy, mut coat) = (None, None, None);
+        match &material.surface {
+            Surface::Principled(of) => surface = Some(of),
+            Surface::Procedural(index) => {
+                let coded = &scene.procedurals[*index as usize];
+                anisotropy = coded.effects().has_anisotropy.then_some(&ALONG_TANGENT);
+                surface = coded.own().map(OwnSurface::surface);
+            }
+            Surface::Scattering(of) => {
+                surface = scene.scatterings[*of as usize].own().map(OwnSurface::surface)
+            }
+            Surface::OpenPbr(of) => anisotropy = of.specular_anisotropy.as_ref(),
+            _ => {}
+        }
+        if let Some(surface) = surface {
+            let own_coat = surface.has_own_coat(material.normal_map.as_ref());
+            coat = own_coat.then_some(surface.coat_normal_map.as_ref());
+            anisotropy = surface.anisotropy.as_ref().or(anisotropy);
+        }
+        let direction = |grooves: &Anisotropy| grooves.direction.map(|TextureRef { set, .. }| set);
+        let own = material.normal_map.as_ref().map(set).or_else(|| coat.flatten().map(set));
+        Self { normal, anisotropy, coat, set: own.or_else(|| anisotropy.and_then(direction)).unwrap_or(0) }
+    }
+
+    /// The tangent bases and the lanes that have one; `None` if no map needs them.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn tangents<L: Lanes>(&self, scene: &Scene, at: &Geometry<L>) -> Option<(Basis<L>, Mask<L>)> {
+        if !self.normal && self.anisotropy.is_none() && !matches!(self.coat, Some(Some(_))) {
+            return None;
+        }
+        let set = self.set;
+        let further;
+        let mut uvs = &at.corner_uvs;
+        if set != 0 {
+            further = corner_uvs(scene.mesh.uv_set(set), &at.indices);
+            uvs = &further;
+        }
+        Some(tangent_basis(&scene.mesh, &at.indices, &at.corners, uvs, &at.weights, at.outward))
+    }
+}
+
+/// The shading bases: around the interpolated or mapped normals, bent where necessary. On anisotropic
+/// surfaces the x axis is the rougher direction. Sets the bumps of the footprint.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn shading_basis<L: Lanes>(
+    scene: &Scene,
+    material: &Material,
+    at: &Geometry<L>,
+    anisotropy: Option<&Anisotropy>,
+    tangents: Option<&(Basis<L>, Mask<L>)>,
+    texture: &mut TexturePoint<L>,
+) -> Basis<L> {
+    let (mut shading, mut bent) = (at.outward, at.smooth);
+    if let (Some(map), Some((basis, there))) = (&material.normal_map, tangents) {
+        let (mapped, bumps) = map_normal(scene, map, texture, basis);
+        shading = Vector::select(*there, mapped, at.outward);
+        texture.footprint.bumps = bumps.only(*there);
+        bent |= *there;
+    }
+    let matte = matches!(material.surface, Surface::Matte { .. });
+    let shading = bend_where(shading, bent, at.normal, at.wo, matte);
+    let basis = Basis::around(shading);
+    let (Some(anisotropy), Some((tangents, there))) = (anisotropy, tangents) else { return basis };
+    let x = rough_direction(scene, anisotropy, texture, tangents);
+    let (tangent, along) = (x - shading * x.dot(shading)).normalize_or(basis.tangent);
+    let rough = Basis { tangent, bitangent: shading.cross(tangent), normal: shading };
+    Basis::select(along & *there, rough, basis)
+}
+
+/// The coats' normals in the shading bases, and the coats' bumps.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn coat_shape<L: Lanes>(
+    scene: &Scene,
+    map: Option<&NormalMap>,
+    at: &Geometry<L>,
+    tangents: Option<&(Basis<L>, Mask<L>)>,
+    texture: &TexturePoint<L>,
+    basis: &Basis<L>,
+) -> CoatShape<L> {
+    let (mut normal, mut bumps, mut bent) = (at.outward, Num::zero(at.wo.lanes()), at.smooth);
+    if let (Some(map), Some((tangents, there))) = (map, tangents) {
+        let (mapped, rough) = map_normal(scene, map, texture, tangents);
+        normal = Vector::select(*there, mapped, at.outward);
+        bumps = rough.only(*there);
+        bent |= *there;
+    }
+    CoatShape { normal: basis.local(bend_where(normal, bent, at.normal, at.wo, false)), bumps }
+}
+
 /// Meshes of fewer triangles fit a cache, and their hits are not prefetched.
 const MIN_PREFETCHED: usize = 1 << 15;
 
@@ -280,9 +428,8 @@ pub fn prefetch_hits(mesh: &TriangleMesh, hits: &[Hit], rays: &[u32], at: usize,
 mod tests {
     use crate::geom::{Sampler, warp};
     use crate::scene::{
-        Anisotropy, Colour, ColourSpace, Material, Mipmap, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrCoatFrame,
-        OpenPbrCoatNormals, OpenPbrCoatTangent, Principled, Scalar, Scene, Surface, Texture, TextureRef,
-        Wrap,
+        Anisotropy, Colour, ColourSpace, Material, Mipmap, NormalMap, Principled, Scalar, Scene, Surface,
+        Texture, TextureRef, Wrap,
     };
     use crate::shade::single::Interaction;
     use crate::stream::{Hit, Ray};
@@ -401,38 +548,6 @@ mod tests {
         let normal = coat(None, Some(steeper)).expect("bumpy");
         let mirrored = normal * (2.0 * normal.z) - Vec3::Z;
         assert!(mirrored.z > 0.0, "bent back until the mirrored view is above: {mirrored}");
-    }
-
-    #[test]
-    fn coats_of_openpbr_may_have_normals_and_tangents_of_their_own() {
-        let mut scene = mapped([200, 128, 200, 255]);
-        let map = scene.materials[0].normal_map.expect("a map");
-        let mut shape = |base, anisotropy: f32, frame: Option<(OpenPbrCoatNormals, Option<f32>)>| {
-            let frame = frame.map(|(normals, rotation)| OpenPbrCoatFrame {
-                normals,
-                tangent: rotation.map(|rotation| OpenPbrCoatTangent { rotation, direction: None }),
-            });
-            let anisotropy = Scalar::constant(anisotropy);
-            let coat = Some(OpenPbrCoat { frame, anisotropy, ..OpenPbrCoat::default() });
-            scene.materials[0].surface = Surface::OpenPbr(OpenPbr { coat, ..OpenPbr::default() });
-            scene.materials[0].normal_map = base;
-            let at = seen(&scene, Vec3::Z);
-            let world = |v| Vec3::from(at.basis.world(v));
-            at.lane.coat.map(|coat| (world(coat.normal), coat.tangent.map(world)))
-        };
-        use OpenPbrCoatNormals::{Base, Even, Mapped};
-        assert!(shape(Some(map), 1.0, None).is_none(), "it shares the base's");
-        let (even, tangent) = shape(Some(map), 0.0, Some((Even, None))).expect("a shape");
-        assert!((even - Vec3::Z).length() < 1e-6 && tangent.is_none(), "{even}");
-        let (bumpy, _) = shape(None, 0.0, Some((Mapped(map), None))).expect("a shape");
-        assert!(bumpy.x > 0.4 && bumpy.y.abs() < 0.01, "{bumpy}");
-        let quarter = Some(std::f32::consts::FRAC_PI_2);
-        let (same, tangent) = shape(Some(map), 0.5, Some((Base, quarter))).expect("a shape");
-        let tangent = tangent.expect("a tangent");
-        assert!((same - bumpy).length() < 1e-6, "{same}");
-        assert!((tangent - Vec3::Y).length() < 1e-5 && tangent.dot(same).abs() < 1e-6, "{tangent}");
-        let (_, tangent) = shape(None, 0.0, Some((Base, quarter))).expect("a shape");
-        assert!(tangent.is_none(), "without strength");
     }
 
     #[test]

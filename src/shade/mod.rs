@@ -18,7 +18,6 @@ mod mix;
 mod normals;
 pub mod offset;
 pub mod pass_through;
-mod shading_bases;
 pub mod single;
 mod sort;
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::document::Document;
 use crate::folder::warns;
 use glam::Vec3;
-use raystream::scene::{Medium, OpenPbr, OpenPbrCoat, OpenPbrCoatNormals, OpenPbrFuzz, Scene, Surface};
+use raystream::scene::{Medium, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Scene, Surface};
 use serde_json::{Value, json};
 
 fn scene(material: Value) -> Scene {
@@ -154,74 +154,30 @@ fn reflection_tinted_above_1_becomes_weight() {
     assert_eq!(surface(0.0, 1.0, [1.0; 3]), (25.0, [1.0; 3], 1.5), "all light is reflected");
 }
 
-/// The coat of a material with a base normal map and a coat's normal map of these scales, beside a draft.
-fn coat_of(extension: &str, [factor, key]: [&str; 2], normal: Option<f32>, coat: Option<f32>) -> OpenPbrCoat {
-    let mut document = Document::triangle();
-    let texture = document.texture(1, &[[128, 128, 255, 255]]);
-    let map = |scale: f32| json!({ "index": texture, "scale": scale });
-    let mut material = json!({ "extensions": { "KHR_materials_fuzz": {}, extension: { factor: 1.0 } } });
-    if let Some(scale) = normal {
-        material["normalTexture"] = map(scale);
-    }
-    if let Some(scale) = coat {
-        material["extensions"][extension][key] = map(scale);
-    }
-    document.material(material);
-    let scene = document.scene();
-    assert!(scene.warnings.len() == 1 && warns(&scene, &["Drafts"]), "{:?}", scene.warnings);
-    let Surface::OpenPbr(surface) = scene.materials[0].surface else { panic!("OpenPBR") };
-    surface.coat.expect("a coat")
-}
-
 #[test]
-fn coats_have_normals_of_their_own() {
-    let drafts = ("KHR_materials_coat", ["coatFactor", "coatNormalTexture"]);
-    let clear = ("KHR_materials_clearcoat", ["clearcoatFactor", "clearcoatNormalTexture"]);
-    for (extension, keys) in [drafts, clear] {
-        let normals = |normal, coat| coat_of(extension, keys, normal, coat).frame.map(|frame| frame.normals);
-        assert_eq!(normals(None, None), None, "{extension}");
-        assert_eq!(normals(Some(0.5), Some(0.5)), None, "{extension}: the same normals");
-        assert_eq!(normals(Some(0.5), None), Some(OpenPbrCoatNormals::Even), "{extension}");
-        for normal in [None, Some(1.0)] {
-            let Some(OpenPbrCoatNormals::Mapped(map)) = normals(normal, Some(0.5)) else { panic!("a map") };
-            assert_eq!(map.scale, 0.5, "{extension}");
-        }
-    }
-}
-
-#[test]
-fn coats_have_tangents_of_their_own() {
-    let coat = |base: Value, coat: Value| {
+fn clear_coats_with_normals_of_their_own_are_warned_of_beside_drafts() {
+    let warned = |normal: Option<f32>, coat: Option<f32>, drafts: &[&str]| {
         let mut document = Document::triangle();
-        let texture = document.texture(1, &[[255, 128, 128, 255]]);
-        let mut coat = coat;
-        coat["coatFactor"] = json!(1.0);
-        if coat["coatAnisotropyTexture"] == json!("a texture") {
-            coat["coatAnisotropyTexture"] = json!({ "index": texture });
+        let texture = document.texture(1, &[[128, 128, 255, 255]]);
+        let map = |scale: f32| json!({ "index": texture, "scale": scale });
+        let mut material = json!({ "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": 1.0 } } });
+        if let Some(scale) = normal {
+            material["normalTexture"] = map(scale);
         }
-        let extensions = json!({ "KHR_materials_coat": coat, "KHR_materials_anisotropy": base });
-        document.material(json!({ "extensions": extensions }));
+        if let Some(scale) = coat {
+            material["extensions"]["KHR_materials_clearcoat"]["clearcoatNormalTexture"] = map(scale);
+        }
+        for draft in drafts {
+            material["extensions"][draft] = json!({});
+        }
+        document.material(material);
         let scene = document.scene();
-        let Surface::OpenPbr(surface) = scene.materials[0].surface else { panic!("OpenPBR") };
-        (surface.coat.expect("a coat"), surface.specular_anisotropy)
+        warns(&scene, &["clearcoatNormalTexture", "KHR_materials_fuzz", "the material's normals"])
     };
-    let along = |rotation: f32| json!({ "anisotropyStrength": 0.5, "anisotropyRotation": rotation });
-    let over = |rotation: f32| json!({ "coatAnisotropyStrength": 0.75, "coatAnisotropyRotation": rotation });
-    let (same, base) = coat(along(0.5), over(0.5));
-    assert!(same.frame.is_none() && same.anisotropy.factor > 0.0);
-    assert_eq!(base.map(|base| base.rotation), Some(0.5));
-    let (own, base) = coat(along(0.5), over(1.5));
-    assert_eq!(base.map(|base| base.rotation), Some(0.5), "the base keeps its own");
-    let frame = own.frame.expect("a frame");
-    let tangent = frame.tangent.expect("a tangent");
-    assert_eq!((frame.normals, tangent.rotation), (OpenPbrCoatNormals::Base, 1.5));
-    let (alone, base) = coat(json!({}), over(1.5));
-    assert!(alone.frame.is_none() && base.is_some_and(|base| base.rotation == 1.5), "only the coat is");
-    let mut textured = over(0.25);
-    textured["coatAnisotropyTexture"] = json!("a texture");
-    let (textured, _) = coat(json!({}), textured);
-    let tangent = textured.frame.and_then(|frame| frame.tangent).expect("a tangent");
-    assert!(tangent.rotation == 0.25 && tangent.direction.is_some() && textured.anisotropy.texture.is_some());
-    let (none, _) = coat(along(0.5), json!({ "coatAnisotropyRotation": 1.5 }));
-    assert!(none.frame.is_none(), "without strength");
+    let fuzz = ["KHR_materials_fuzz"];
+    assert!(!warned(None, None, &fuzz) && !warned(Some(0.5), Some(0.5), &fuzz), "the same normals");
+    assert!(warned(None, Some(0.5), &fuzz) && warned(Some(1.0), Some(0.5), &fuzz), "another map");
+    assert!(warned(Some(0.5), None, &fuzz), "even coats");
+    assert!(!warned(Some(0.5), None, &[]), "glTF's own surface has such coats");
+    assert!(!warned(None, Some(0.5), &["KHR_materials_fuzz", "KHR_materials_coat"]), "no clear coat");
 }

@@ -3,7 +3,7 @@
 use crate::folder::{Folder, assert_holds, warns};
 use glam::Vec3;
 use raystream::scene::recipe::Recipe;
-use raystream::scene::{AlphaMode, Channel, Material, OpenPbr, OpenPbrCoatNormals, Scene, Surface};
+use raystream::scene::{AlphaMode, Channel, Material, OpenPbr, Scene, Surface};
 
 const OBJ: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
 
@@ -189,20 +189,4 @@ fn errors_name_file_line_and_range() {
         assert_holds(&message, &["a.mtl", "line 3"]);
         assert_holds(&message, parts);
     }
-}
-
-#[test]
-fn coats_have_a_normal_map_of_their_own() {
-    let folder = Folder::new();
-    folder.image("normal.png", 2, &[[128, 128, 255, 255], [200, 128, 230, 255]]);
-    let map = "openpbr_geometry_coat_normal -bm 0.5 normal.png";
-    let scene = in_folder(&folder, &format!("openpbr_coat_weight 1\n{map}"));
-    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
-    let coat = openpbr(&scene.materials[0]).coat.expect("a coat");
-    let Some(OpenPbrCoatNormals::Mapped(normals)) = coat.frame.map(|frame| frame.normals) else {
-        panic!("{coat:?}")
-    };
-    assert_eq!((normals.scale, scene.materials[0].normal_map), (0.5, None));
-    let bare = in_folder(&folder, map);
-    assert!(warns(&bare, &["openpbr_geometry_coat_normal has no effect", "openpbr_coat_weight"]));
 }

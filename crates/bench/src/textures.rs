@@ -219,7 +219,6 @@ impl Means<'_> {
             color: self.colour(of.color),
             roughness: self.scalar(of.roughness),
             anisotropy: self.scalar(of.anisotropy),
-            frame: None,
             ..of
         };
         let fuzz = |of: OpenPbrFuzz| OpenPbrFuzz {

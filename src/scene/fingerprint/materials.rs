@@ -3,9 +3,8 @@
 use super::{Encode, Encoder, encode_fields};
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Colour, ColourSpace, DiffuseTransmission,
-    Emission, Iridescence, Material, Medium, Mix, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrCoatFrame,
-    OpenPbrCoatNormals, OpenPbrCoatTangent, OpenPbrFuzz, OpenPbrSubsurface, Principled, Scalar, Sheen,
-    Surface, Texture, TextureRef, Wrap,
+    Emission, Iridescence, Material, Medium, Mix, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz,
+    OpenPbrSubsurface, Principled, Scalar, Sheen, Surface, Texture, TextureRef, Wrap,
 };
 
 encode_fields!(TextureRef { texture, set, offset, rotation, scale });
@@ -41,10 +40,7 @@ encode_fields!(Principled {
     diffuse_transmission,
     dispersion
 });
-// A surface whose coat has a frame is a variant of its own, so that others keep their bytes.
-encode_fields!(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening } except { frame });
-encode_fields!(OpenPbrCoatFrame { normals, tangent });
-encode_fields!(OpenPbrCoatTangent { rotation, direction });
+encode_fields!(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening });
 encode_fields!(OpenPbrSubsurface { weight, color, anisotropy });
 encode_fields!(OpenPbrFuzz { weight, color, roughness });
 encode_fields!(OpenPbr {
@@ -101,26 +97,8 @@ impl Encode for Surface {
                 index.encode(to);
             }
             Self::OpenPbr(surface) => {
-                if let Some(frame) = surface.coat.and_then(|coat| coat.frame) {
-                    to.variant(8);
-                    frame.encode(to);
-                } else {
-                    to.variant(7);
-                }
+                to.variant(7);
                 surface.encode(to);
-            }
-        }
-    }
-}
-
-impl Encode for OpenPbrCoatNormals {
-    fn encode(&self, to: &mut Encoder) {
-        match self {
-            Self::Base => to.variant(0),
-            Self::Even => to.variant(1),
-            Self::Mapped(map) => {
-                to.variant(2);
-                map.encode(to);
             }
         }
     }

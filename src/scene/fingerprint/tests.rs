@@ -5,9 +5,8 @@ use crate::lanes::Lanes;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
     Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mipmap,
-    Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrCoatFrame, OpenPbrCoatNormals, OpenPbrCoatTangent,
-    OpenPbrFuzz, OpenPbrSubsurface, Points, Principled, Procedural, ProceduralSurface, Scalar, Scene, Sheen,
-    Surface, Texture, TextureRef, TriangleMesh, Wrap,
+    Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Points, Principled,
+    Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -197,7 +196,6 @@ fn every_parameter_of_openpbr_counts() {
         }
     );
     let coat = OpenPbrCoat::default();
-    let frame = OpenPbrCoatFrame { normals: OpenPbrCoatNormals::Even, tangent: None };
     each_field_counts!(
         coat,
         OpenPbrCoat {
@@ -207,21 +205,8 @@ fn every_parameter_of_openpbr_counts() {
             anisotropy: textured,
             ior: 1.25,
             darkening: 0.5,
-        } except { frame: Some(frame) }
+        }
     );
-    let bumps = NormalMap { texture: TEXTURE, scale: 1.0 };
-    let direction = OpenPbrCoatTangent { rotation: 0.0, direction: None };
-    each_field_counts!(
-        frame,
-        OpenPbrCoatFrame { normals: OpenPbrCoatNormals::Mapped(bumps), tangent: Some(direction) }
-    );
-    each_field_counts!(direction, OpenPbrCoatTangent { rotation: 0.5, direction: Some(TEXTURE) });
-    let coated = |frame| {
-        let coat = Some(OpenPbrCoat { frame, ..coat });
-        Surface::OpenPbr(OpenPbr { coat, ..OpenPbr::default() })
-    };
-    let base = OpenPbrCoatFrame { normals: OpenPbrCoatNormals::Base, ..frame };
-    all_differ([("none", coated(None)), ("even", coated(Some(frame))), ("the base's", coated(Some(base)))]);
     let fuzz = OpenPbrFuzz::default();
     each_field_counts!(fuzz, OpenPbrFuzz { weight: textured, color: colour(0.5), roughness: textured });
 }

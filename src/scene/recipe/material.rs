@@ -6,8 +6,8 @@ use super::within;
 use crate::scene::surface_name::option_texts;
 use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission, Emission,
-    Iridescence, Material, Medium, NormalMap, OpenPbrCoatFrame, OpenPbrCoatNormals, OpenPbrCoatTangent,
-    Principled, Scalar, Sheen, Surface, SurfaceName, SurfaceRequest, TextureRef,
+    Iridescence, Material, Medium, NormalMap, Principled, Scalar, Sheen, Surface, SurfaceName,
+    SurfaceRequest, TextureRef,
 };
 use glam::Vec3;
 use serde::Deserialize;
@@ -31,9 +31,8 @@ use std::collections::BTreeMap;
 pub struct MaterialRecipe {
     /// Linear Rec. 709. The texture multiplies it. White by default.
     pub colour: Option<Vec3>,
-    /// OpenPBR's surface. Of the other fields only textures, `normal_scale`, `coat_normal_scale`, `alpha`,
-    /// `alpha_cutoff`, `anisotropy_degrees`, `coat_anisotropy_degrees`, `absorption`, `emission`, `surface` and
-    /// `options` have an effect beside it.
+    /// OpenPBR's surface. Of the other fields only textures, `normal_scale`, `alpha`, `alpha_cutoff`,
+    /// `anisotropy_degrees`, `absorption`, `emission`, `surface` and `options` have an effect beside it.
     pub openpbr: Option<OpenPbrRecipe>,
     /// Name of the texture that multiplies `colour`. Its alpha multiplies `alpha`.
     pub texture: Option<String>,
@@ -42,11 +41,6 @@ pub struct MaterialRecipe {
     /// Factor of the normal map's x and y.
     #[serde(default = "one")]
     pub normal_scale: f32,
-    /// Name of the normal map of OpenPBR's coat. Without one the coat has the base's normals.
-    pub coat_normal_texture: Option<String>,
-    /// Factor of that map's x and y. With 0 the coat is even.
-    #[serde(default = "one")]
-    pub coat_normal_scale: f32,
     /// Name of the texture whose green multiplies `roughness`. Its bytes are linear.
     pub roughness_texture: Option<String>,
     /// Name of the texture whose blue multiplies `metallic`. Its bytes are linear.
@@ -75,8 +69,6 @@ pub struct MaterialRecipe {
     /// Rotation of the rougher direction from u towards the texture's top.
     #[serde(default)]
     pub anisotropy_degrees: f32,
-    /// The same for OpenPBR's coat; by default it is rougher along the base's direction.
-    pub coat_anisotropy_degrees: Option<f32>,
     /// A layer of fibres that reflects at grazing angles.
     pub sheen: Option<SheenLayer>,
     /// A thin film with interference colours.
@@ -135,7 +127,6 @@ pub(super) struct MaterialTexture {
 pub(super) struct MaterialTextures {
     colour: Option<MaterialTexture>,
     normal: Option<MaterialTexture>,
-    coat_normal: Option<MaterialTexture>,
     roughness: Option<MaterialTexture>,
     metallic: Option<MaterialTexture>,
     emission: Option<MaterialTexture>,
@@ -216,14 +207,8 @@ impl MaterialRecipe {
     }
 
     /// The fields that name textures.
-    pub const TEXTURES: [&str; 6] = [
-        "texture",
-        "normal_texture",
-        "coat_normal_texture",
-        "roughness_texture",
-        "metallic_texture",
-        "emission_texture",
-    ];
+    pub const TEXTURES: [&str; 5] =
+        ["texture", "normal_texture", "roughness_texture", "metallic_texture", "emission_texture"];
 
     /// The textures that the material names, as `find` finds them by their names and what their bytes mean.
     pub(super) fn textures<E>(
@@ -234,7 +219,6 @@ impl MaterialRecipe {
         Ok(MaterialTextures {
             colour: of(&self.texture, ColourSpace::Srgb)?,
             normal: of(&self.normal_texture, ColourSpace::Linear)?,
-            coat_normal: of(&self.coat_normal_texture, ColourSpace::Linear)?,
             roughness: of(&self.roughness_texture, ColourSpace::Linear)?,
             metallic: of(&self.metallic_texture, ColourSpace::Linear)?,
             emission: of(&self.emission_texture, ColourSpace::Srgb)?,
@@ -243,8 +227,8 @@ impl MaterialRecipe {
 
     /// The names of textures whose bytes are linear.
     pub(super) fn linear_textures(&self) -> impl Iterator<Item = &String> {
-        let Self { normal_texture, coat_normal_texture, roughness_texture, metallic_texture, .. } = self;
-        [normal_texture, coat_normal_texture, roughness_texture, metallic_texture].into_iter().flatten()
+        let Self { normal_texture, roughness_texture, metallic_texture, .. } = self;
+        [normal_texture, roughness_texture, metallic_texture].into_iter().flatten()
     }
 
     /// The material. An error names a number that is out of range, and the range.
@@ -337,24 +321,7 @@ impl MaterialRecipe {
         surface.specular_roughness.texture =
             textures.roughness.map(|texture| (texture.reference, Channel::G));
         surface.base_metalness.texture = textures.metallic.map(|texture| (texture.reference, Channel::B));
-        if let Some(coat) = &mut surface.coat {
-            coat.frame = self.coat_frame(textures.coat_normal);
-        }
         Ok(Surface::OpenPbr(surface))
-    }
-
-    /// Normals and tangent of OpenPBR's coat, if it has its own.
-    fn coat_frame(&self, map: Option<MaterialTexture>) -> Option<OpenPbrCoatFrame> {
-        let scale = self.coat_normal_scale;
-        let normals = match map.map(|texture| texture.reference) {
-            None => OpenPbrCoatNormals::Base,
-            Some(_) if scale == 0.0 => OpenPbrCoatNormals::Even,
-            Some(texture) => OpenPbrCoatNormals::Mapped(NormalMap { texture, scale }),
-        };
-        let tangent = self.coat_anisotropy_degrees.map(f32::to_radians);
-        let tangent = tangent.map(|rotation| OpenPbrCoatTangent { rotation, direction: None });
-        let is_own = map.is_some() || tangent.is_some();
-        is_own.then_some(OpenPbrCoatFrame { normals, tangent })
     }
 
     /// The emitted radiance.
@@ -415,8 +382,6 @@ impl MaterialRecipe {
             self;
         within("dispersion", self.dispersion, 0.0, 20.0)?;
         within("normal_scale", self.normal_scale, -1e3, 1e3)?;
-        within("coat_normal_scale", self.coat_normal_scale, -1e3, 1e3)?;
-        within("coat_anisotropy_degrees", self.coat_anisotropy_degrees.unwrap_or(0.0), -1e6, 1e6)?;
         share("alpha", self.alpha)?;
         share("alpha_cutoff", self.alpha_cutoff.unwrap_or(0.0))?;
         if self.roughness_texture.is_some() && roughness.is_none() && self.openpbr.is_none() {
@@ -476,8 +441,6 @@ impl MaterialRecipe {
             ("sheen", self.sheen.is_some() && !layered),
             ("film", self.film.is_some() && !layered),
             ("dispersion", self.dispersion != 0.0 && self.ior.is_none()),
-            ("coat_normal_texture", self.coat_normal_texture.is_some()),
-            ("coat_anisotropy_degrees", self.coat_anisotropy_degrees.is_some()),
             (
                 "diffuse_transmission",
                 self.diffuse_transmission.is_some() && (self.ior.is_some() || self.mirror),
@@ -489,8 +452,6 @@ impl MaterialRecipe {
     }
 
     fn unused_beside_openpbr(&self) -> Option<String> {
-        let OpenPbrRecipe { coat_weight, coat_roughness_anisotropy, .. } = self.openpbr.unwrap_or_default();
-        let is_isotropic = coat_weight == 0.0 || coat_roughness_anisotropy == 0.0;
         let given = [
             ("roughness", self.roughness.is_some()),
             ("metallic", self.metallic != 0.0),
@@ -503,8 +464,6 @@ impl MaterialRecipe {
             ("dispersion", self.dispersion != 0.0),
             ("diffuse_transmission", self.diffuse_transmission.is_some()),
             ("mirror", self.mirror),
-            ("coat_normal_texture", self.coat_normal_texture.is_some() && coat_weight == 0.0),
-            ("coat_anisotropy_degrees", self.coat_anisotropy_degrees.is_some() && is_isotropic),
         ];
         let unused: Vec<&str> =
             given.iter().filter(|(_, is_unused)| *is_unused).map(|(name, _)| *name).collect();

@@ -207,7 +207,6 @@ impl OpenPbrRecipe {
             anisotropy: number(self.coat_roughness_anisotropy),
             ior: self.coat_ior,
             darkening: self.coat_darkening,
-            frame: None,
         };
         let fuzz = OpenPbrFuzz {
             weight: number(self.fuzz_weight),

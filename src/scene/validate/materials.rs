@@ -171,16 +171,13 @@ impl Scene {
             SHARE.check(part, "the colour of its subsurface", color.to_array())?;
             COSINE.check(part, "the anisotropy of its subsurface", [*anisotropy])?;
         }
-        if let Some(coat) = coat {
-            let OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening, frame: _ } = coat;
+        if let Some(OpenPbrCoat { weight, color, roughness, anisotropy, ior, darkening }) = coat {
             self.check_scalar(part, "the weight of its coat", weight, SHARE)?;
             self.check_colour(part, "the colour of its coat", color, SHARE)?;
             self.check_scalar(part, "the roughness of its coat", roughness, SHARE)?;
             self.check_scalar(part, "the anisotropy of its coat", anisotropy, SHARE)?;
             ABOVE_ZERO.check(part, "the index of refraction of its coat", [*ior])?;
             SHARE.check(part, "the darkening of its coat", [*darkening])?;
-            self.check_normal_map(part, "the normal map of its coat", &coat.normal_map())?;
-            self.check_anisotropy(part, coat.own_tangent().as_ref())?;
         }
         if let Some(OpenPbrFuzz { weight, color, roughness }) = fuzz {
             self.check_scalar(part, "the weight of its fuzz", weight, SHARE)?;

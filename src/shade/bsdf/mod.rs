@@ -244,9 +244,9 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             }
             Surface::OpenPbr(surface) => {
                 // Copies, as above.
-                let Interaction { texture, coat, outside, .. } = *at;
-                let (texture, coat) = (&texture, &coat);
-                let construct = openpbr::Construct { scene, surface, texture, coat, outside, smoothness };
+                let Interaction { texture, outside, .. } = *at;
+                let texture = &texture;
+                let construct = openpbr::Construct { scene, surface, texture, outside, smoothness };
                 Self::OpenPbr(l.outlined(construct))
             }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),

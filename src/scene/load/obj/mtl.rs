@@ -49,8 +49,6 @@ pub(super) struct Definition {
     pub(super) map_pm: Option<Map>,
     pub(super) map_bump: Option<Map>,
     pub(super) norm: Option<Map>,
-    /// `openpbr_geometry_coat_normal`.
-    pub(super) coat_normal: Option<Map>,
 }
 
 /// A texture map with its options.
@@ -140,10 +138,6 @@ impl Definition {
             // Ambient light is computed. Sharpness and antialiasing are not properties of the surface.
             "Ka" | "map_Ka" | "sharpness" | "map_aat" => {}
             _ => match keyword.strip_prefix("openpbr_") {
-                Some("geometry_coat_normal") => {
-                    self.openpbr.get_or_insert_default();
-                    self.coat_normal = Some(map(arguments, &mut warn)?);
-                }
                 Some(parameter) => {
                     let words: Vec<&str> = words(arguments).collect();
                     self.openpbr.get_or_insert_default().set(parameter, &words)?;

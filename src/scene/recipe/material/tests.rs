@@ -152,37 +152,3 @@ fn errors_name_numbers_out_of_range() {
         assert!(problem.contains(part), "{problem}");
     }
 }
-
-#[test]
-fn openpbrs_coat_may_have_normals_and_a_tangent_of_its_own() {
-    let coat = |fields: &str| {
-        let text =
-            format!(r#"{{ "openpbr": {{ "coat-weight": 1, "coat-roughness-anisotropy": 0.5 }} {fields} }}"#);
-        let Surface::OpenPbr(surface) = material(&text).expect("valid").surface else { panic!("OpenPBR") };
-        surface.coat.expect("a coat")
-    };
-    assert_eq!(coat("").frame, None);
-    assert_eq!(coat(r#", "normal_texture": "bb""#).frame, None, "the base's");
-    let scaled = coat(r#", "coat_normal_texture": "bb", "coat_normal_scale": 0.5"#);
-    let map = NormalMap { texture: TextureRef::plain(2), scale: 0.5 };
-    let normals = OpenPbrCoatNormals::Mapped(map);
-    assert_eq!(scaled.frame, Some(OpenPbrCoatFrame { normals, tangent: None }));
-    let even = coat(r#", "normal_texture": "bb", "coat_normal_texture": "bb", "coat_normal_scale": 0"#);
-    assert_eq!(even.frame.map(|frame| frame.normals), Some(OpenPbrCoatNormals::Even));
-    let turned = coat(r#", "anisotropy_degrees": 10, "coat_anisotropy_degrees": 90"#).frame.expect("a frame");
-    let tangent = OpenPbrCoatTangent { rotation: std::f32::consts::FRAC_PI_2, direction: None };
-    assert_eq!(turned, OpenPbrCoatFrame { normals: OpenPbrCoatNormals::Base, tangent: Some(tangent) });
-    for (text, part) in [
-        (r#"{ "openpbr": {}, "coat_normal_texture": "t" }"#, "coat_normal_texture has no effect"),
-        (
-            r#"{ "openpbr": { "coat-weight": 1 }, "coat_anisotropy_degrees": 9 }"#,
-            "coat_anisotropy_degrees has",
-        ),
-        (r#"{ "roughness": 1, "coat_normal_texture": "t" }"#, "coat_normal_texture has no effect"),
-    ] {
-        let recipe: MaterialRecipe = serde_json::from_str(text).expect("a material");
-        assert!(recipe.unused().is_some_and(|unused| unused.contains(part)), "{text}: {:?}", recipe.unused());
-    }
-    let steep = r#"{ "openpbr": { "coat-weight": 1 }, "coat_normal_scale": 1e9 }"#;
-    assert!(material(steep).expect_err("out of range").contains("coat_normal_scale"));
-}

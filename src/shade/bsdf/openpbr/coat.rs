@@ -4,7 +4,6 @@ use super::super::facets::Facets;
 use super::super::fresnel;
 use super::facet_albedo::QUADRATURE;
 use super::interface::{Curves, Interface};
-use crate::geom::Basis;
 use crate::lanes::{Lanes, Num, Vector, exponential};
 
 /// A coat over a share of the surface.
@@ -18,8 +17,6 @@ pub struct Coat<L: Lanes> {
     pub colour: Vector<L>,
     /// Strength of darkening, 0..=1.
     pub darkening: Num<L>,
-    /// Its basis in the shading basis, if it has its own.
-    pub frame: Option<Basis<L>>,
 }
 
 /// What the darkening knows of the base, each 0..=1.

@@ -11,9 +11,6 @@
 //!   translucent base. The opaque dielectric passes it to the diffuse base, the coat to the layers below.
 //!
 //! The shares E are those of the exact Fresnel term, with the film, as [`facet_albedo`] has them for any such term.
-//!
-//! A coat may have a frame of its own. Its shares are then those towards the same directions in that frame, on either
-//! side of its plane alike, so that nothing else changes. Means are those of aligned frames, which pass the most.
 #![allow(clippy::manual_map, reason = "closures are not inlined into kernels")]
 
 mod coat;
@@ -203,7 +200,7 @@ impl<L: Lanes> OpenPbr<L> {
                     albedo: dielectric.lerp(metal.at(one), metalness),
                     roughness: one.lerp(own, normal).lerp(own, metalness),
                 };
-                Some((Coat::of(&coat, smoothness.mirror_below, !facets.rough), below))
+                Some((Coat::of(&coat, smoothness.mirror_below), below))
             }
             None => None,
         };
@@ -270,21 +267,14 @@ impl<L: Lanes> OpenPbr<L> {
 
 impl<L: Lanes> Coat<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn of(of: &CoatParameters<L>, smooth_below: f32, mirrors: Mask<L>) -> Self {
+    fn of(of: &CoatParameters<L>, smooth_below: f32) -> Self {
         let share = |x: Num<L>| x.clamp(0.0, 1.0);
-        let mut roughness = share(of.roughness);
-        if of.frame.is_some() {
-            // Only one mirrored direction is possible. If the base mirrors, it is the base's, and the coat is rough.
-            let least = Num::splat(mirrors.lanes(), smooth_below.max(super::MIN_ROUGHNESS));
-            roughness = Num::select(mirrors, roughness.max(least), roughness);
-        }
         Self {
             weight: share(of.weight),
-            facets: facets(roughness, of.anisotropy, smooth_below),
+            facets: facets(share(of.roughness), of.anisotropy, smooth_below),
             interface: Interface { eta: of.ior.clamp(MIN_INDEX, 1.0 / MIN_INDEX), film: None },
             colour: of.color.clamp(0.0, 1.0),
             darkening: share(of.darkening),
-            frame: of.frame,
         }
     }
 }

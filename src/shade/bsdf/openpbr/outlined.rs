@@ -4,14 +4,12 @@ use super::super::{Sample, Smooth, Smoothness};
 use super::{OpenPbr, Parameters};
 use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 use crate::scene::{self, Scene, TexturePoint};
-use crate::shade::CoatShape;
 
 /// Makes the BSDF at points.
 pub struct Construct<'a, L: Lanes> {
     pub scene: &'a Scene,
     pub surface: &'a scene::OpenPbr,
     pub texture: &'a TexturePoint<L>,
-    pub coat: &'a Option<CoatShape<L>>,
     pub outside: Mask<L>,
     pub smoothness: Smoothness,
 }
@@ -21,7 +19,7 @@ impl<L: Lanes> OutlinedTask<L> for Construct<'_, L> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, _: L) -> OpenPbr<L> {
-        let parameters = Parameters::at(self.scene, self.surface, self.texture, self.coat);
+        let parameters = Parameters::at(self.scene, self.surface, self.texture);
         OpenPbr::of(&parameters, self.outside, self.smoothness)
     }
 }

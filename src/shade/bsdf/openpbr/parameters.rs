@@ -1,9 +1,8 @@
 //! The parameters of OpenPBR's surface at points.
 
-use crate::geom::Basis;
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{self, Footprint, Scene, TexturePoint};
-use crate::shade::{CoatShape, lookup};
+use crate::scene::{self, Scene, TexturePoint};
+use crate::shade::lookup;
 
 /// The parameters of the surface at points, named and in the units of the specification.
 #[derive(Clone, Copy, Debug)]
@@ -44,8 +43,6 @@ pub struct CoatParameters<L: Lanes> {
     pub anisotropy: Option<Num<L>>,
     pub ior: Num<L>,
     pub darkening: Num<L>,
-    /// Basis of the coat in the shading basis, if it has its own.
-    pub frame: Option<Basis<L>>,
 }
 
 /// `fuzz_weight` and so on.
@@ -67,15 +64,12 @@ pub struct FilmParameters<L: Lanes> {
 impl<L: Lanes> Parameters<L> {
     /// The parameters of a surface at points.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn at(
-        scene: &Scene,
-        of: &scene::OpenPbr,
-        at: &TexturePoint<L>,
-        coat_shape: &Option<CoatShape<L>>,
-    ) -> Self {
+    pub fn at(scene: &Scene, of: &scene::OpenPbr, at: &TexturePoint<L>) -> Self {
         let l = at.lanes();
         let given = [&of.base_metalness, &of.specular_roughness];
         let [base_metalness, specular_roughness] = lookup::shares(scene, given, at);
+        let is_coat_anisotropic =
+            |coat: &scene::OpenPbrCoat| of.specular_anisotropy.is_some() && coat.anisotropy.factor > 0.0;
         Self {
             base: lookup::albedo(scene, &of.base_color, at) * lookup::share(scene, &of.base_weight, at),
             base_diffuse_roughness: lookup::share(scene, &of.base_diffuse_roughness, at),
@@ -104,7 +98,18 @@ impl<L: Lanes> Parameters<L> {
                 None => None,
             },
             coat: match &of.coat {
-                Some(coat) => Some(CoatParameters::at(scene, of, coat, at, coat_shape)),
+                Some(coat) => Some(CoatParameters {
+                    weight: lookup::share(scene, &coat.weight, at),
+                    color: lookup::albedo(scene, &coat.color, at),
+                    roughness: at.footprint.roughened(lookup::share(scene, &coat.roughness, at)),
+                    anisotropy: if is_coat_anisotropic(coat) {
+                        Some(lookup::share(scene, &coat.anisotropy, at))
+                    } else {
+                        None
+                    },
+                    ior: Num::splat(l, coat.ior),
+                    darkening: Num::splat(l, coat.darkening),
+                }),
                 None => None,
             },
             fuzz: match &of.fuzz {
@@ -124,43 +129,6 @@ impl<L: Lanes> Parameters<L> {
                 None => None,
             },
             thin_walled: of.thin_walled,
-        }
-    }
-}
-
-impl<L: Lanes> CoatParameters<L> {
-    /// The parameters of the coat of a surface. `shape` is that of a coat with a frame of its own.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn at(
-        scene: &Scene,
-        of: &scene::OpenPbr,
-        coat: &scene::OpenPbrCoat,
-        at: &TexturePoint<L>,
-        shape: &Option<CoatShape<L>>,
-    ) -> Self {
-        let l = at.lanes();
-        let (mut footprint, mut frame, mut has_tangent) =
-            (at.footprint, None, of.specular_anisotropy.is_some());
-        if let Some(shape) = shape {
-            footprint = Footprint { bumps: shape.bumps, ..footprint };
-            has_tangent = shape.tangent.is_some();
-            frame = Some(match shape.tangent {
-                None => Basis::around(shape.normal),
-                Some(tangent) => {
-                    let bitangent = shape.normal.cross(tangent);
-                    Basis { tangent, bitangent, normal: shape.normal }
-                }
-            });
-        }
-        let is_anisotropic = has_tangent && coat.anisotropy.factor > 0.0;
-        Self {
-            weight: lookup::share(scene, &coat.weight, at),
-            color: lookup::albedo(scene, &coat.color, at),
-            roughness: footprint.roughened(lookup::share(scene, &coat.roughness, at)),
-            anisotropy: if is_anisotropic { Some(lookup::share(scene, &coat.anisotropy, at)) } else { None },
-            ior: Num::splat(l, coat.ior),
-            darkening: Num::splat(l, coat.darkening),
-            frame,
         }
     }
 }

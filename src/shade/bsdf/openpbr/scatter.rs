@@ -3,8 +3,6 @@
 use super::super::fresnel::mean;
 use super::super::{Sample, Smooth, mirrored};
 use super::OpenPbr;
-use super::coat::Coat;
-use super::interface::Curves;
 use super::through::Shares;
 use super::view::{Facing, View};
 use crate::geom::warp::lanes as warp;
@@ -79,34 +77,19 @@ impl<L: Lanes> OpenPbr<L> {
             Some((coat, _)) => Some(coat.interface.curves()),
             None => None,
         };
-        let near = self.facing(&curves, &coat, wo, self.over(wo, wo));
-        self.smooth_of(wo, &near, &curves, &coat)
+        self.smooth_of(wo, &self.facing(&curves, &coat, wo))
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn smooth_of(
-        &self,
-        wo: Vector<L>,
-        near: &Facing<L>,
-        base: &Curves<L>,
-        coats: &Option<Curves<L>>,
-    ) -> Smooth<L> {
+    fn smooth_of(&self, wo: Vector<L>, near: &Facing<L>) -> Smooth<L> {
         let l = wo.lanes();
         let Shares { reflected, .. } = self.facet(wo.z);
-        let (mut way, mut under, mut far_over) = (mirrored(wo), near.under, near.over);
-        if let Some((Coat { frame: Some(frame), .. }, _)) = &self.coat {
-            if !self.facets.rough.all() {
-                let far = self.facing(base, coats, way, self.over(way, way));
-                (under, far_over) = (under.min(far.under), far.over);
-            }
-            way = Vector::select(self.facets.rough, frame.world(mirrored(frame.local(wo))), way);
-        }
-        let mut reflection = (reflected * self.veil(near.over, far_over) * under).only(!self.facets.rough);
+        let mut reflection = (reflected * self.veil(wo.z, wo.z) * near.under).only(!self.facets.rough);
         if let Some((coat, _)) = &self.coat {
             reflection += Vector::grey((near.coat * (1.0 - near.fuzz)).only(!coat.facets.rough));
         }
         let mut smooth = Smooth {
-            reflected: way,
+            reflected: mirrored(wo),
             reflection,
             transmitted: -wo,
             transmission: Vector::zero(l),
@@ -115,15 +98,14 @@ impl<L: Lanes> OpenPbr<L> {
         if let Some(through) = &self.through {
             let Shares { passed, .. } = self.translucent(wo.z);
             let mut light = passed * through.weight * near.under;
-            let mut far = near.over;
+            let mut far = wo.z;
             if !through.thin {
                 smooth.eta = through.eta;
-                smooth.transmitted = through.refracted(wo, Vector::splat(l, Vec3::Z), wo.z);
-                let Vector { x, y, z } = smooth.transmitted;
-                far = self.over(Vector::new(x, y, z.abs()), smooth.transmitted).z;
+                smooth.transmitted = through.refracted(wo, Vector::splat(l, Vec3::Z), far);
+                far = smooth.transmitted.z.abs();
                 light = light / (through.eta * through.eta);
             }
-            smooth.transmission = (light * self.crossing_veil(near.over, far)).only(!through.frosted);
+            smooth.transmission = (light * self.crossing_veil(wo.z, far)).only(!through.frosted);
         }
         smooth
     }
@@ -193,7 +175,7 @@ impl<L: Lanes> OpenPbr<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
         let view = self.view(wo);
-        let smooth = self.smooth_of(wo, &view.near, &view.base, &view.coat);
+        let smooth = self.smooth_of(wo, &view.near);
         let probabilities = self.probabilities(wo, &view, &smooth);
         self.evaluate_lobes(wo, wi, &view, &probabilities)
     }
@@ -208,7 +190,7 @@ impl<L: Lanes> OpenPbr<L> {
     ) -> (Vector<L>, Num<L>) {
         let above = wi.z.above(0.0);
         let raised = Vector::new(wi.x, wi.y, wi.z.abs());
-        let far = self.facing(&view.base, &view.coat, raised, self.over(raised, wi));
+        let far = self.facing(&view.base, &view.coat, raised);
         let near = &view.near;
         let under = near.under.min(far.under);
         let (half, there) = (wo + wi).normalize_or(wo);
@@ -226,17 +208,17 @@ impl<L: Lanes> OpenPbr<L> {
             value += (shares.reflected * (perfect * under)).only(rough);
             pdf += (probabilities.facets * self.reflects(&shares) * density).only(rough);
         }
-        let veil = self.veil(near.over, far.over);
+        let veil = self.veil(wo.z, raised.z);
         value = (value * veil).only(above);
         if let Some(subsurface) = &self.subsurface {
-            value += self.diffused(subsurface, view, &far, raised.z, (above, veil));
+            value += self.diffused(subsurface, view, &far, [wo.z, raised.z], (above, veil));
         }
         if let (Some(through), Some(further)) = (&self.through, &view.further) {
             let frosted = through.frosted;
             let [cosine, light, density] = through.evaluate(&self.facets, wo, wi);
             let shares = self.facet(cosine);
             let light = shares.passed * light + further.evaluate(wi, through.eta) * through.weight;
-            let veil = Vector::select(above, veil, self.crossing_veil(near.over, far.over));
+            let veil = Vector::select(above, veil, self.crossing_veil(wo.z, raised.z));
             value += (light * veil * under).only(frosted);
             pdf += (probabilities.facets * (1.0 - self.reflects(&shares)) * density).only(frosted & !above);
         }
@@ -244,11 +226,6 @@ impl<L: Lanes> OpenPbr<L> {
             pdf += (probabilities.crossing * warp::cosine_hemisphere_pdf(-wi.z)).only(!above);
         }
         if let Some((coat, _)) = &self.coat {
-            let ([mut wo, mut wi, mut half], mut lit) = ([wo, wi, half], lit);
-            if let Some(frame) = &coat.frame {
-                (wo, wi, half) = (frame.local(wo), frame.local(wi), frame.local(half));
-                lit = there & wo.z.above(0.0) & wi.z.above(0.0);
-            }
             let rough = coat.facets.rough & lit;
             if rough.any() {
                 let (perfect, density) = coat.facets.ggx.evaluate(wo, wi, half);
@@ -269,30 +246,18 @@ impl<L: Lanes> OpenPbr<L> {
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let l = wo.lanes();
         let view = self.view(wo);
-        let smooth = self.smooth_of(wo, &view.near, &view.base, &view.coat);
+        let smooth = self.smooth_of(wo, &view.near);
         let probabilities = self.probabilities(wo, &view, &smooth);
         let Probabilities { coat, facets, scattered, crossing, mirrors } = probabilities;
         let none = Mask::splat(l, false);
         let mut wi = warp::cosine_hemisphere(u2);
-        let (mut start, mut crosses, mut seen) = (coat, none, none);
+        let (mut start, mut crosses) = (coat, none);
         let of_coat = u.lt(coat);
         if of_coat.any()
             && let Some((coat, _)) = &self.coat
         {
-            let way = match &coat.frame {
-                None => {
-                    let normal = coat.facets.ggx.sample(wo, u2);
-                    normal * (2.0 * wo.dot(normal)) - wo
-                }
-                Some(frame) => {
-                    let wo = frame.local(wo);
-                    let normal = coat.facets.ggx.sample(wo, u2);
-                    let way = normal * (2.0 * wo.dot(normal)) - wo;
-                    seen = way.z.above(0.0) & of_coat;
-                    frame.world(way)
-                }
-            };
-            wi = Vector::select(of_coat, way, wi);
+            let normal = coat.facets.ggx.sample(wo, u2);
+            wi = Vector::select(of_coat, normal * (2.0 * wo.dot(normal)) - wo, wi);
         }
         let of_facets = !of_coat & u.lt(coat + facets);
         if of_facets.any() {
@@ -314,8 +279,7 @@ impl<L: Lanes> OpenPbr<L> {
             crosses |= far;
         }
         let rough = start + crossing;
-        // A coat may mirror into directions that the base does not see.
-        let valid = Mask::select(crosses, wi.z.below(0.0), wi.z.above(0.0)) | seen;
+        let valid = Mask::select(crosses, wi.z.below(0.0), wi.z.above(0.0));
         let scatters = u.lt(rough);
         let (value, pdf) = self.evaluate_lobes(wo, wi, &view, &probabilities);
         let one = Num::splat(l, 1.0);

@@ -147,15 +147,15 @@ impl<L: Lanes> OpenPbr<L> {
         coat.crossing(outer) * Vector::new(darkened.x.sqrt(), darkened.y.sqrt(), darkened.z.sqrt())
     }
 
-    /// BSDF × |cosine| of the subsurface for light from a direction of cosine `far_z`, above or below the surface.
-    /// `veil` is that of light from above.
+    /// BSDF × |cosine| of the subsurface for light from a cosine above or below the surface. `veil` is that of light
+    /// from above.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn diffused(
         &self,
         subsurface: &Subsurface<L>,
         view: &View<L>,
         far: &Facing<L>,
-        far_z: Num<L>,
+        [near_z, far_z]: [Num<L>; 2],
         (above, veil): (Mask<L>, Vector<L>),
     ) -> Vector<L> {
         let scale = subsurface.weight * far_z * (self.kept[1] * FRAC_1_PI);
@@ -171,7 +171,7 @@ impl<L: Lanes> OpenPbr<L> {
             through = Vector::select(subsurface.leaving, through * leaves, through);
             through = through / (subsurface.eta * subsurface.eta);
         }
-        through = through * self.diffused_veil(subsurface, view.near.over, far.over);
+        through = through * self.diffused_veil(subsurface, near_z, far_z);
         Vector::select(above, back, through) * scale
     }
 }

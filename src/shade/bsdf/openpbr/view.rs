@@ -2,7 +2,6 @@
 
 use super::super::albedo::Reflectance;
 use super::OpenPbr;
-use super::coat::Coat;
 use super::facet_albedo::QUADRATURE;
 use super::interface::Curves;
 use super::through::Further;
@@ -19,8 +18,6 @@ const BENT_COAT: f32 = 0.55;
 /// Shares of the layers towards a direction above the surface.
 #[derive(Clone, Copy)]
 pub struct Facing<L: Lanes> {
-    /// Magnitude of the cosine to the coat's normal.
-    pub over: Num<L>,
     /// Share that white fuzz reflects.
     pub fuzz: Num<L>,
     /// Share that the coat reflects of what passes the fuzz.
@@ -55,7 +52,7 @@ impl<L: Lanes> OpenPbr<L> {
             Some((coat, _)) => Some(coat.interface.curves()),
             None => None,
         };
-        let near = self.facing(&base, &coat, wo, self.over(wo, wo));
+        let near = self.facing(&base, &coat, wo);
         let lost = self.facets.mean().deficit;
         let average = self.metal.average();
         let strength = (average * average * (1.0 - lost)).over(one - average * lost) * self.metalness;
@@ -81,35 +78,16 @@ impl<L: Lanes> OpenPbr<L> {
             more = more.max((roughness * 0.5 + BENT_COAT).only(bent)).clamp(0.0, 1.0);
         }
         if more.above(0.0).any() {
-            let up = Vector::splat(wo.lanes(), Vec3::Z);
-            let most = self.facing(&base, &coat, up, up).passed;
+            let most = self.facing(&base, &coat, Vector::splat(wo.lanes(), Vec3::Z)).passed;
             passed = passed.lerp(most.max(passed), more);
         }
         View { passed, base, coat, near, strength, further }
     }
 
-    /// The shares towards a direction above the surface, which is `over` in the coat's frame.
+    /// The shares towards a direction above the surface.
     #[inline(always)]
-    pub(super) fn facing(
-        &self,
-        base: &Curves<L>,
-        coat: &Option<Curves<L>>,
-        w: Vector<L>,
-        over: Vector<L>,
-    ) -> Facing<L> {
-        w.lanes().outlined(Towards { surface: self, base, coat, w, over })
-    }
-
-    /// The direction `w` in the coat's frame, mirrored to above its plane. `raised` is it above the base's plane.
-    #[inline(always)]
-    pub(super) fn over(&self, raised: Vector<L>, w: Vector<L>) -> Vector<L> {
-        match &self.coat {
-            Some((Coat { frame: Some(frame), .. }, _)) => {
-                let Vector { x, y, z } = frame.local(w);
-                Vector::new(x, y, z.abs())
-            }
-            _ => raised,
-        }
+    pub(super) fn facing(&self, base: &Curves<L>, coat: &Option<Curves<L>>, w: Vector<L>) -> Facing<L> {
+        w.lanes().outlined(Towards { surface: self, base, coat, w })
     }
 
     /// The mean over the hemisphere of the shares that reach the diffuse base.
@@ -149,7 +127,6 @@ struct Towards<'a, L: Lanes> {
     base: &'a Curves<L>,
     coat: &'a Option<Curves<L>>,
     w: Vector<L>,
-    over: Vector<L>,
 }
 
 impl<L: Lanes> OutlinedTask<L> for Towards<'_, L> {
@@ -157,18 +134,18 @@ impl<L: Lanes> OutlinedTask<L> for Towards<'_, L> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run(self, l: L) -> Facing<L> {
-        let Self { surface, base, coat, w, over } = self;
+        let Self { surface, base, coat, w } = self;
         let fuzz = match &surface.fuzz {
             Some(fuzz) => fuzz.share(w.z),
             None => Num::zero(l),
         };
         let coat = match (&surface.coat, coat) {
-            (Some((coat, _)), Some(curves)) => coat.share(curves, over),
+            (Some((coat, _)), Some(curves)) => coat.share(curves, w),
             _ => Num::zero(l),
         };
         let under = (1.0 - fuzz) * (1.0 - coat);
         let reflected = surface.interface.share(base, &surface.facets, w);
         let passed = (Vector::grey(Num::splat(l, 1.0)) - reflected) * under;
-        Facing { over: over.z, fuzz, coat, under, passed, facets: surface.facets.at(w) }
+        Facing { fuzz, coat, under, passed, facets: surface.facets.at(w) }
     }
 }

@@ -24,7 +24,7 @@ fn seen_from(outside: bool, edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'
 /// A surface with coats whose normals are tilted.
 fn leaning(edit: impl FnOnce(&mut scene::Principled)) -> Bsdf<'static> {
     let normal = Vec3::new(0.3, -0.2, 0.9).normalize().into();
-    described(true, Some(CoatShape { normal, tangent: None, bumps: 0.0.into() }), edit)
+    described(true, Some(CoatShape { normal, bumps: 0.0.into() }), edit)
 }
 
 fn described(

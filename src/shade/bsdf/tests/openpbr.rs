@@ -6,19 +6,11 @@ use crate::lanes::OutlinedTask;
 use crate::scene::{Anisotropy, Iridescence, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface};
 
 fn openpbr(outside: bool, edit: impl FnOnce(&mut OpenPbr)) -> Bsdf<'static> {
-    shaped(outside, None, edit)
-}
-
-fn shaped(
-    outside: bool,
-    coat: Option<CoatShape<SingleLane>>,
-    edit: impl FnOnce(&mut OpenPbr),
-) -> Bsdf<'static> {
     let mut surface = OpenPbr::default();
     edit(&mut surface);
     let texture = &TexturePoint::without_width([0.0.into(); 2], 0.into(), [0.0.into(); 2]);
     let (scene, outside, smoothness) = (&Scene::default(), outside.into(), Smoothness::EXACT);
-    let construct = Construct { scene, surface: &surface, texture, coat: &coat, outside, smoothness };
+    let construct = Construct { scene, surface: &surface, texture, outside, smoothness };
     Bsdf(super::super::Bsdf::OpenPbr(construct.run(SingleLane::default())))
 }
 

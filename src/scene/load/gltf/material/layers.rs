@@ -35,19 +35,13 @@ impl<'a, 'b> Converter<'a, 'b> {
         let strength = self.textured_factor(coat, "clearcoatFactor", "clearcoatTexture", Channel::R)?;
         let roughness =
             self.textured_factor(coat, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", Channel::G)?;
-        Ok((strength, roughness, self.coat_normal_map(coat, "clearcoatNormalTexture")?))
-    }
-
-    /// The normal map `key` of an extension for coats.
-    pub(super) fn coat_normal_map(
-        &mut self,
-        extension: Extension,
-        key: &str,
-    ) -> Result<Option<NormalMap>, LoadProblem> {
-        let Some(texture) = self.texture_info(extension, key)? else { return Ok(None) };
-        let texture = self.texture(&texture, ColourSpace::Linear)?;
-        let scale = extension.1[key]["scale"].as_f64().unwrap_or(1.0) as f32;
-        Ok(Some(NormalMap { texture, scale }))
+        let mut normal_map = None;
+        if let Some(texture) = self.texture_info(coat, "clearcoatNormalTexture")? {
+            let texture = self.texture(&texture, ColourSpace::Linear)?;
+            let scale = coat.1["clearcoatNormalTexture"]["scale"].as_f64().unwrap_or(1.0) as f32;
+            normal_map = Some(NormalMap { texture, scale });
+        }
+        Ok((strength, roughness, normal_map))
     }
 
     fn anisotropy(&mut self) -> Result<Option<Anisotropy>, LoadProblem> {

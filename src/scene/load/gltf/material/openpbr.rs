@@ -9,8 +9,7 @@ use super::Converter;
 use super::base::numbers;
 use super::layers::{Extension, number};
 use crate::scene::{
-    Anisotropy, Channel, Colour, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrCoatFrame, OpenPbrCoatNormals,
-    OpenPbrCoatTangent, OpenPbrFuzz, Principled, Scalar, Sheen,
+    Anisotropy, Channel, Colour, OpenPbr, OpenPbrCoat, OpenPbrFuzz, Principled, Scalar, Sheen,
 };
 use glam::Vec3;
 
@@ -65,10 +64,15 @@ impl<'a> Converter<'a, '_> {
         }
         if of.clearcoat.factor > 0.0 {
             let (weight, roughness) = (of.clearcoat, of.clearcoat_roughness);
-            let frame = self.coat_frame(of.coat_normal_map)?;
-            let (ior, darkening) = (1.5, 0.0);
             surface.coat =
-                Some(OpenPbrCoat { weight, roughness, ior, darkening, frame, ..OpenPbrCoat::default() });
+                Some(OpenPbrCoat { weight, roughness, ior: 1.5, darkening: 0.0, ..OpenPbrCoat::default() });
+            if self.extension(COAT).is_none() && of.has_own_coat(self.normal_map()?.as_ref()) {
+                let lost = match of.coat_normal_map {
+                    Some(_) => "clearcoatNormalTexture is left out",
+                    None => "a clear coat without clearcoatNormalTexture is not even",
+                };
+                self.warn(&format!("{lost} beside {}: the coat has the material's normals", self.drafts()));
+            }
         }
         if let Some(extension) = self.extension(COAT) {
             surface.coat = self.coat(extension)?;
@@ -96,8 +100,11 @@ impl<'a> Converter<'a, '_> {
         }
         let darkening =
             self.clamped("coatDarkeningFactor", number(extension, "coatDarkeningFactor", 1.0), 1.0);
-        let normals = self.coat_normal_map(extension, "coatNormalTexture")?;
-        let frame = self.coat_frame(normals)?;
+        if self.texture_info(extension, "coatNormalTexture")?.is_some() {
+            self.warn(
+                "coatNormalTexture of KHR_materials_coat is left out: the coat has the material's normals",
+            );
+        }
         let color = self.tint(extension, "coatColorFactor", "coatColorTexture")?;
         let anisotropy = Scalar::constant(0.0);
         Ok((weight.factor > 0.0).then_some(OpenPbrCoat {
@@ -107,14 +114,7 @@ impl<'a> Converter<'a, '_> {
             anisotropy,
             ior,
             darkening,
-            frame,
         }))
-    }
-
-    /// The frame of a coat with this normal map; without one it is even. `None` if its normals are the material's.
-    fn coat_frame(&mut self, map: Option<NormalMap>) -> Result<Option<OpenPbrCoatFrame>, LoadProblem> {
-        let normals = map.map_or(OpenPbrCoatNormals::Even, OpenPbrCoatNormals::Mapped);
-        Ok((map != self.normal_map()?).then_some(OpenPbrCoatFrame { normals, tangent: None }))
     }
 
     fn fuzz(&mut self, extension: Extension<'a>) -> Result<Option<OpenPbrFuzz>, LoadProblem> {
@@ -125,7 +125,7 @@ impl<'a> Converter<'a, '_> {
         Ok((weight.factor > 0.0).then_some(OpenPbrFuzz { weight, color, roughness }))
     }
 
-    /// The anisotropy of base and coat, which may share one tangent. It changes the roughness: glTF stretches the
+    /// The anisotropy of base and coat, which share one tangent. It changes the roughness: glTF stretches the
     /// highlight along one axis, OpenPBR keeps the mean of both.
     fn tangent(&mut self, of: &Principled, surface: &mut OpenPbr) -> Result<Option<Anisotropy>, LoadProblem> {
         let mut tangent = None;
@@ -140,24 +140,21 @@ impl<'a> Converter<'a, '_> {
         }
         let Some(extension) = self.extension(COAT) else { return Ok(tangent) };
         let Some(coat) = &mut surface.coat else { return Ok(tangent) };
-        let strength =
-            self.factor(extension, "coatAnisotropyStrength", 0.0, "coatAnisotropyTexture", Channel::B)?;
-        if strength.factor == 0.0 {
+        let strength = number(extension, "coatAnisotropyStrength", 0.0);
+        let strength = self.clamped("coatAnisotropyStrength", strength, 1.0);
+        if strength == 0.0 {
             return Ok(tangent);
         }
         let rotation = number(extension, "coatAnisotropyRotation", 0.0);
-        if coat.roughness.texture.is_some() || strength.texture.is_some() {
-            self.warn("textures of its coat's roughness or anisotropy are read as OpenPBR's, not as glTF's");
+        if self.texture_info(extension, "coatAnisotropyTexture")?.is_some() {
+            self.warn("coatAnisotropyTexture of KHR_materials_coat is left out");
         }
-        let (roughness, factor) = stretched(coat.roughness.factor, strength.factor);
-        (coat.roughness.factor, coat.anisotropy) = (roughness, Scalar { factor, ..strength });
-        let direction = strength.texture.map(|(texture, _)| texture);
-        if direction.is_some() || tangent.is_some_and(|of| of.rotation != rotation || of.direction.is_some())
-        {
-            let unset = OpenPbrCoatFrame { normals: OpenPbrCoatNormals::Base, tangent: None };
-            let own = Some(OpenPbrCoatTangent { rotation, direction });
-            coat.frame = Some(OpenPbrCoatFrame { tangent: own, ..coat.frame.unwrap_or(unset) });
-            return Ok(tangent);
+        let (roughness, strength) = stretched(coat.roughness.factor, strength);
+        (coat.roughness.factor, coat.anisotropy) = (roughness, Scalar::constant(strength));
+        if tangent.is_some_and(|of| of.rotation != rotation) {
+            self.warn(
+                "coatAnisotropyRotation is left out: the coat is anisotropic along the base's direction",
+            );
         }
         let none = Anisotropy { strength: Scalar::constant(0.0), rotation, direction: None };
         Ok(Some(tangent.unwrap_or(none)))

@@ -4,12 +4,11 @@
 //! `Ke`, `illum` and so on are for other readers. Maps multiply as they do elsewhere: `map_Kd` the base's colour,
 //! `map_Pr` the roughness, `map_Pm` the metalness, `map_Ke` the emission, `map_d` the opacity, and `norm` and
 //! `map_Bump` are the normals. `anisor` turns the tangent, and vertex colours multiply the base's colour.
-//! `openpbr_geometry_coat_normal` names a normal map of the coat, with the options of `norm`.
 
 use super::super::super::LoadProblem;
 use super::Converter;
 use crate::scene::recipe::OpenPbrRecipe;
-use crate::scene::{ColourSpace, Material, NormalMap, OpenPbrCoatFrame, OpenPbrCoatNormals, Surface};
+use crate::scene::{Material, Surface};
 use glam::Vec3;
 use std::f32::consts::TAU;
 
@@ -23,16 +22,6 @@ impl Converter<'_> {
         surface.base_color.vertex = self.coloured;
         surface.specular_roughness.texture = self.scalar_map(&d.map_pr)?;
         surface.base_metalness.texture = self.scalar_map(&d.map_pm)?;
-        if let Some(map) = &d.coat_normal {
-            let texture = self.texture(map, ColourSpace::Linear)?.1;
-            match &mut surface.coat {
-                None => self.warn("openpbr_geometry_coat_normal has no effect without openpbr_coat_weight"),
-                Some(coat) => {
-                    let normals = OpenPbrCoatNormals::Mapped(NormalMap { texture, scale: map.bump });
-                    coat.frame = Some(OpenPbrCoatFrame { normals, tangent: None });
-                }
-            }
-        }
         Ok(Material {
             name: d.name.clone(),
             surface: Surface::OpenPbr(surface),

@@ -4,7 +4,7 @@ use super::*;
 use crate::lanes::SingleLane;
 
 /// Surfaces of random parameters. Half of their colours are white, so that nothing hides a gain of energy.
-pub(super) fn random(i: u32) -> Numbers {
+fn random(i: u32) -> Numbers {
     let sampler = Sampler::new(i, 0, 99);
     let x = |dimension: u32| sampler.pair(dimension)[0];
     let some = |dimension: u32, share: f32| {
@@ -34,7 +34,6 @@ pub(super) fn random(i: u32) -> Numbers {
         coat_anisotropy: some(33, 0.3),
         coat_ior: if x(34) < 0.2 { 0.3 + 0.7 * x(22) } else { 1.0 + 1.2 * x(22) },
         coat_darkening: x(23),
-        coat_frame: None,
         fuzz: some(24, 0.3),
         fuzz_color: colour(25),
         fuzz_roughness: x(27),
@@ -47,7 +46,7 @@ pub(super) fn random(i: u32) -> Numbers {
 }
 
 /// Directions above the surface, down to grazing ones.
-pub(super) fn directions(count: u32) -> impl Iterator<Item = Vec3> {
+fn directions(count: u32) -> impl Iterator<Item = Vec3> {
     (0..count).map(move |i| direction(((i as f32 + 0.5) / count as f32).sqrt(), 2.4 * i as f32))
 }
 
@@ -95,9 +94,9 @@ fn no_coat_over_white_gains_light() {
 }
 
 /// The integral of the density over all directions.
-pub(super) struct Density<'a> {
-    pub(super) of: &'a Numbers,
-    pub(super) wo: Vec3,
+struct Density<'a> {
+    of: &'a Numbers,
+    wo: Vec3,
 }
 
 impl LaneTask for Density<'_> {
@@ -243,9 +242,6 @@ fn every_width_has_the_same_bits() {
             (numbers.thin, numbers.enters) = (is_thin, i % 7 != 0);
             if k < 3 {
                 numbers.roughness = [0.0, 0.3, 0.0][k];
-            }
-            if i % 4 == 1 {
-                numbers.coat_frame = frame(Vec3::new(0.4 * k as f32, 0.2, 1.0));
             }
             if is_plain {
                 (numbers.coat, numbers.fuzz) = (0.0, 0.0);

@@ -1,12 +1,11 @@
 //! Tests of the BSDF by itself: energy, reciprocity, sampling, and the values of a published implementation.
 
-mod coat_frame;
 mod energy;
 mod reference;
 
 use super::parameters::{CoatParameters, FilmParameters, FuzzParameters, Parameters, SubsurfaceParameters};
 use super::{Evaluate, OpenPbr, Sampling, Smoothness};
-use crate::geom::{Basis, Sampler};
+use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, OutlinedTask, SimdLevel, Vector};
 use crate::shade::bsdf::Sample;
 use glam::Vec3;
@@ -33,8 +32,6 @@ struct Numbers {
     coat_anisotropy: f32,
     coat_ior: f32,
     coat_darkening: f32,
-    /// Normal and tangent of the coat, if it has its own.
-    coat_frame: Option<[Vec3; 2]>,
     fuzz: f32,
     fuzz_color: Vec3,
     fuzz_roughness: f32,
@@ -66,7 +63,6 @@ impl Default for Numbers {
             coat_anisotropy: 0.0,
             coat_ior: 1.6,
             coat_darkening: 1.0,
-            coat_frame: None,
             fuzz: 0.0,
             fuzz_color: Vec3::ONE,
             fuzz_roughness: 0.5,
@@ -121,11 +117,6 @@ impl Numbers {
                 anisotropy: any(|n| n.coat_anisotropy).then(|| x(&|n| n.coat_anisotropy)),
                 ior: x(&|n| n.coat_ior),
                 darkening: x(&|n| n.coat_darkening),
-                frame: all.iter().any(|n| n.coat_frame.is_some()).then(|| {
-                    let normal = v(|n| n.coat_frame.map_or(Vec3::Z, |[normal, _]| normal));
-                    let tangent = v(|n| n.coat_frame.map_or(Vec3::X, |[_, tangent]| tangent));
-                    Basis { tangent, bitangent: normal.cross(tangent), normal }
-                }),
             }),
             fuzz: any(|n| n.fuzz).then(|| FuzzParameters {
                 weight: x(&|n| n.fuzz),
@@ -213,10 +204,4 @@ fn furnace(of: &Numbers, wo: Vec3, samples: u32) -> [Vec3; 2] {
 fn direction(z: f32, phi: f32) -> Vec3 {
     let sine = (1.0 - z * z).max(0.0).sqrt();
     Vec3::new(sine * libm::cosf(phi), sine * libm::sinf(phi), z)
-}
-
-/// The frame of a coat whose normal has a direction.
-fn frame(normal: Vec3) -> Option<[Vec3; 2]> {
-    let normal = normal.normalize();
-    Some([normal, (Vec3::X - normal * normal.x).normalize()])
 }
