@@ -83,6 +83,8 @@ fn point<L: Lanes>(at: &Points<'_, L>) -> Vec<Int<L>> {
     scalars.extend([at.footprint1(), at.object_width()].map(Num::to_bits));
     scalars.extend(vector(at.object_bounds_min()).into_iter().chain(vector(at.object_bounds_max())));
     scalars.extend([at.time().to_bits(), at.frame(), truth(at.outside())]);
+    scalars.extend(at.uv2().into_iter().chain(at.uv3()).map(Num::to_bits));
+    scalars.extend([at.footprint2(), at.footprint3()].map(Num::to_bits));
     assert_eq!(scalars.len(), POINT_FIELDS.iter().map(|field| field.kind.numbers()).sum::<usize>());
     scalars
 }
