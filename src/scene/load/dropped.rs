@@ -25,19 +25,6 @@ impl Dropped {
         Vec3::NAN
     }
 
-    /// True if no vertex has been dropped.
-    #[cfg(feature = "formats")]
-    pub(super) fn is_empty(&self) -> bool {
-        self.vertices == 0
-    }
-
-    /// True if faces may use all these positions.
-    #[cfg(feature = "formats")]
-    pub(super) fn drops_none_of(positions: &[Vec3]) -> bool {
-        // Folding instead of stopping early lets the compiler use vectors.
-        positions.iter().fold(true, |all, position| all & is_allowed(position))
-    }
-
     /// True if a face is to be dropped because it has one of these positions.
     pub(super) fn drops(&mut self, corners: impl IntoIterator<Item = Vec3>) -> bool {
         let is_dropped = self.vertices > 0 && corners.into_iter().any(|corner| corner.is_nan());
@@ -56,6 +43,20 @@ impl Dropped {
              {first}; {} faces that use them are dropped.",
             self.vertices, self.faces
         ));
+    }
+}
+
+#[cfg(feature = "formats")]
+impl Dropped {
+    /// True if no vertex has been dropped.
+    pub(super) fn is_empty(&self) -> bool {
+        self.vertices == 0
+    }
+
+    /// True if faces may use all these positions.
+    pub(super) fn drops_none_of(positions: &[Vec3]) -> bool {
+        // Folding instead of stopping early lets the compiler use vectors.
+        positions.iter().fold(true, |all, position| all & is_allowed(position))
     }
 }
 

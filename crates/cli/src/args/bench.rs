@@ -1,8 +1,6 @@
 //! `raystream bench`.
 
-#[cfg(feature = "gpu")]
-use super::bench_rtrt::BenchRasterArgs;
-use super::{BenchPovrayArgs, SpecArgs, UnitArgs};
+use super::{BenchPovrayArgs, BenchRasterArgs, SpecArgs, UnitArgs};
 use clap::builder::RangedI64ValueParser;
 use clap::{Args, Subcommand, value_parser};
 use glam::Vec3;
@@ -66,7 +64,6 @@ pub enum BenchCommand {
     Povray(BenchPovrayArgs),
     /// Draw hills by a rasteriser and by camera rays, for numbers of triangles and of layers behind one another (RTRT's
     /// Table 4): from how many triangles on are rays faster?
-    #[cfg(feature = "gpu")]
     Raster(BenchRasterArgs),
 }
 
@@ -89,7 +86,6 @@ impl BenchCommand {
             Self::Schedule(_) => Vec::new(),
             Self::Tables(args) => vec![&args.scene],
             Self::Povray(args) => args.scenes.iter().map(|view| &*view.scene).collect(),
-            #[cfg(feature = "gpu")]
             Self::Raster(_) => Vec::new(),
         }
     }
@@ -112,7 +108,6 @@ impl BenchCommand {
             Self::Schedule(args) => &args.json,
             Self::Tables(args) => &args.json,
             Self::Povray(args) => &args.json,
-            #[cfg(feature = "gpu")]
             Self::Raster(args) => &args.json,
         };
         json.as_deref()

@@ -20,9 +20,7 @@ pub use bench::{
     BenchLiveArgs, BenchNoiseArgs, BenchRaysArgs, BenchScheduleArgs, BenchShadersArgs, BenchSmallArgs,
     BenchTablesArgs, BenchTailArgs, BenchTexturesArgs, LibraryArgs, PeerArgs, SceneView, ShotArgs,
 };
-pub use bench_rtrt::BenchPovrayArgs;
-#[cfg(feature = "gpu")]
-pub use bench_rtrt::BenchRasterArgs;
+pub use bench_rtrt::{BenchPovrayArgs, BenchRasterArgs};
 pub use compare::CompareArgs;
 pub use doctor::DoctorArgs;
 pub use merge::MergeArgs;

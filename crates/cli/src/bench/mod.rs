@@ -8,7 +8,7 @@ mod latency;
 mod noise;
 mod peers;
 mod povray;
-#[cfg(feature = "gpu")]
+#[cfg_attr(not(feature = "gpu"), path = "no_raster.rs")]
 mod raster;
 mod rays;
 mod schedule;
@@ -60,7 +60,6 @@ pub fn run(command: &BenchCommand) -> Result<Outcome> {
         BenchCommand::Schedule(args) => schedule::run(args).map(|()| Outcome::Done),
         BenchCommand::Tables(args) => tables::run(args).map(|()| Outcome::Done),
         BenchCommand::Povray(args) => povray::run(args).map(|()| Outcome::Done),
-        #[cfg(feature = "gpu")]
         BenchCommand::Raster(args) => raster::run(args).map(|()| Outcome::Done),
     }
 }
