@@ -2,7 +2,7 @@
 
 use super::bench::{rounds, threads};
 use super::{SceneView, SpecArgs};
-use clap::Args;
+use clap::{Args, value_parser};
 use raystream::picture::CameraSpec;
 use raystream::picture::form::{self, Form};
 use raystream::scene::generate::SCENE_HELP;
@@ -40,21 +40,21 @@ pub struct BenchPovrayArgs {
 #[derive(Debug, Args)]
 pub struct BenchRasterArgs {
     /// Numbers of triangles of all layers together, as in 1000,1000000.
-    #[arg(long, value_name = "N,..", value_delimiter = ',', value_parser = clap::value_parser!(u64).range(2..=8_000_000))]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', value_parser = value_parser!(u64).range(2..=8_000_000))]
     #[arg(default_value = "1000,10000,100000,1000000,8000000")]
     pub triangles: Vec<u64>,
     /// Numbers of layers of hills behind one another, the depth complexity: each hides all behind it.
-    #[arg(long, value_name = "N,..", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', value_parser = value_parser!(u32).range(1..=64))]
     #[arg(default_value = "1,2,4,8,16,32")]
     pub layers: Vec<u32>,
     /// Edge of the picture, in pixels.
-    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(8..=8192))]
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = value_parser!(u32).range(8..=8192))]
     pub resolution: u32,
     /// Rounds; each contender draws the picture once a round.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = rounds())]
     pub rounds: u32,
     /// Threads of the rays [default: one per core].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
     /// Rasterise on the adapter whose name contains NAME (`raystream info` lists them). By default the fastest one, a
     /// software adapter if there is no other: it uses all threads of its driver, whatever --threads says.
