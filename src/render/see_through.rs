@@ -6,8 +6,8 @@
 
 use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, hits_of, rays_of};
-use crate::geom::{Sampler, mix_lanes};
-use crate::lanes::{Int, LaneTask, Lanes, SingleLane};
+use crate::geom::{Sampler, mix};
+use crate::lanes::{Int, LaneTask, Lanes};
 use crate::scene::{Scene, Surface};
 use crate::schedule::{Batch, Output};
 use crate::shade::{Cone, Interaction, pass_through, sort};
@@ -24,8 +24,7 @@ impl Frame {
     }
 
     /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
-    /// passed.
-    /// `sample_of` tells the sample of a ray, and whether it is a camera ray.
+    /// passed. `sample_of` tells the sample of a ray, and whether it is a camera ray.
     pub(super) fn pass_on<P: Pod, S>(
         &self,
         batch: &Batch<'_, P>,
@@ -55,7 +54,7 @@ impl Frame {
 /// A number of the line that a ray lies on.
 fn hash(ray: &Ray) -> u32 {
     let words = ray.origin.iter().chain(&ray.direction).map(|number| number.to_bits());
-    words.fold(0, |hash, word| mix_lanes::<SingleLane>((hash ^ word).into()).get())
+    words.fold(0, |hash, word| mix(hash ^ word))
 }
 
 /// True if a material computes opacity.
