@@ -1,17 +1,19 @@
 //! Nearest points of many points, with the boxes of a node and the triangles of a leaf block in lanes.
 //!
-//! Lanes say in `f32` which triangles can be the nearest, with a bound of their rounding errors; `f64` decides among
-//! those. So answers are to the bit those of [`super::nearest::nearest`].
+//! Lanes compute in `f32` between which bounds the distance of a triangle lies. A search lists the triangles whose
+//! least distance is not above the lowest upper bound; `f64` decides among those that are left when it ends, one or two
+//! as a rule. So answers are to the bit those of [`super::nearest::nearest`].
 
 use super::nearest::{Best, NearestPoint, around};
-use crate::bvh::{Bvh, Child, LeafBlock, WIDTH, WideNode};
+use crate::bvh::{Bvh, Child, LeafBlocks, WIDTH, WideNode};
 use crate::geom::MAX_COORDINATE;
-use crate::lanes::{LaneBits, LaneTask, Lanes, SimdLevel, first_lanes, load, spill, splat};
+use crate::lanes::{LaneTask, Lanes, SimdLevel, first_lanes, load, spill, splat};
+use crate::trace::cpu::TreeView;
 use crate::trace::cpu::lane_math::{LaneVec3, cross, dot, max_abs, sub};
 use glam::{DVec3, Vec3};
 
 /// Finds the nearest points of `points` on a tree of triangles, at most `max_distance` away. Each search begins with
-/// the triangle that the one before has found, so neighbours should follow each other.
+/// the distance from the point that the one before has found, so neighbours should follow each other.
 pub(super) fn nearest_of_each(
     bvh: &Bvh,
     points: &[DVec3],
@@ -62,19 +64,32 @@ impl Near {
     }
 }
 
-/// The limits of a search, which shrink.
+/// A triangle that may be the nearest.
 #[derive(Clone, Copy)]
-struct Limits {
+struct Candidate {
+    block: Child,
+    row: u32,
+    /// At most its distance.
+    least: f32,
+}
+
+/// What a search has still to visit.
+struct Lists {
+    children: Vec<Entry>,
+    triangles: Vec<Candidate>,
+}
+
+/// At least the distance of the nearest triangle, and its square.
+#[derive(Clone, Copy)]
+struct Limit {
     distance: f32,
     squared: f32,
 }
 
-impl Limits {
-    /// At least the distance of the best point so far.
+impl Limit {
     #[inline(always)]
-    fn of(best: &Best) -> Self {
-        let up = |number: f64| if number.is_finite() { (number as f32).next_up() } else { f32::INFINITY };
-        Self { distance: up(best.squared.sqrt()), squared: up(best.squared) }
+    fn new(distance: f32) -> Self {
+        Self { distance, squared: (distance * distance).next_up() }
     }
 }
 
@@ -85,8 +100,10 @@ impl LaneTask for Search<'_> {
     fn run<L: Lanes>(self, l: L) {
         let Self { bvh, points, max_distance, answers } = self;
         let (nodes, blocks) = (bvh.wide().nodes(), bvh.wide().blocks());
-        let mut stack: Vec<Entry> = Vec::with_capacity(WIDTH * bvh.wide().depth() + 1);
-        let mut before = None;
+        let tree = TreeView::new(bvh.wide(), None);
+        let children = Vec::with_capacity(WIDTH * bvh.wide().depth() + 1);
+        let mut lists = Lists { children, triangles: Vec::new() };
+        let mut before: Option<DVec3> = None;
         for (&point, answer) in points.iter().zip(answers) {
             *answer = None;
             let in_range = point.abs().cmple(DVec3::splat(MAX_COORDINATE.into())).all();
@@ -94,31 +111,51 @@ impl LaneTask for Search<'_> {
                 continue;
             }
             let near = Near::new(point);
-            let mut best = Best::within(max_distance);
-            if let Some((corners, primitive)) = before {
-                best.visit(point, corners, primitive);
-            }
-            let mut limits = Limits::of(&best);
-            stack.push(Entry { child: Child::ROOT, squared: 0.0 });
-            while let Some(Entry { child, squared }) = stack.pop() {
-                if squared > limits.squared {
+            let known = before.map_or(f32::INFINITY, |on_mesh| farthest(point, on_mesh));
+            let mut limit = Limit::new(max_distance.min(known));
+            lists.children.push(Entry { child: Child::ROOT, squared: 0.0 });
+            while let Some(Entry { child, squared }) = lists.children.pop() {
+                if squared > limit.squared {
                     continue;
                 }
                 if child.is_block() {
-                    visit_block(l, blocks.get(child), point, &near, &mut limits, &mut best);
+                    list_triangles(l, child, blocks, &near, &mut limit, &mut lists.triangles);
                 } else {
-                    push_children(l, &nodes[child.index()], &near, limits.squared, &mut stack);
+                    let node = &nodes[child.index()];
+                    push_children(l, &tree, node, &near, limit.squared, &mut lists.children);
                 }
             }
-            before = best.triangle.or(before);
+            let mut best = Best::within(max_distance);
+            for Candidate { block, row, least } in lists.triangles.drain(..) {
+                if least <= limit.distance {
+                    let (block, row) = (blocks.get(block), row as usize);
+                    best.visit(point, block.corners(row), block.primitive(row));
+                }
+            }
             *answer = best.answer();
+            before = answer.map(|nearest| nearest.position64).or(before);
         }
     }
 }
 
+/// At least the distance of a point from one that was computed in `f64` as a point on a triangle.
+#[inline(always)]
+fn farthest(point: DVec3, on_triangle: DVec3) -> f32 {
+    // Many times the error of the point on the triangle.
+    let error = 1e-14 * (point.abs() + on_triangle.abs()).max_element();
+    ((point.distance(on_triangle) + error) as f32).next_up()
+}
+
 /// Pushes the children of a node that may be near enough, the nearest on top.
 #[cfg_attr(not(unoptimised), inline(always))]
-fn push_children<L: Lanes>(l: L, node: &WideNode, near: &Near, limit: f32, stack: &mut Vec<Entry>) {
+fn push_children<L: Lanes>(
+    l: L,
+    tree: &TreeView<'_>,
+    node: &WideNode,
+    near: &Near,
+    limit: f32,
+    stack: &mut Vec<Entry>,
+) {
     // More than the rounding errors of the sum, in units of the sum, and more than those of underflow.
     const SHRINK: f32 = 1.0 - 1e-6;
     let (low, high) = (load(l, &node.faces[0]), load(l, &node.faces[1]));
@@ -139,6 +176,7 @@ fn push_children<L: Lanes>(l: L, node: &WideNode, near: &Near, limit: f32, stack
         some &= some - 1;
         let entry = Entry { child: node.children[slot], squared: squared[slot] };
         stack.push(entry);
+        tree.prefetch_either(entry.child);
         let mut at = stack.len() - 1;
         while at > first && stack[at - 1].squared < entry.squared {
             stack[at] = stack[at - 1];
@@ -148,41 +186,29 @@ fn push_children<L: Lanes>(l: L, node: &WideNode, near: &Near, limit: f32, stack
     }
 }
 
-/// Visits the triangles of a block that can be the nearest, the likeliest first.
+/// Lists the triangles of a block that can be the nearest.
 #[cfg_attr(not(unoptimised), inline(always))]
-fn visit_block<L: Lanes>(
+fn list_triangles<L: Lanes>(
     l: L,
-    block: LeafBlock<'_>,
-    point: DVec3,
+    child: Child,
+    blocks: &LeafBlocks,
     near: &Near,
-    limits: &mut Limits,
-    best: &mut Best,
+    limit: &mut Limit,
+    triangles: &mut Vec<Candidate>,
 ) {
-    let (squared, errors) = triangle_distances(l, block.vertices(l), near);
-    let (squares, mut left) = (spill(l, squared), first_lanes::<L>(block.len()));
-    loop {
-        let reach = l.add(l.splat(limits.distance + near.rounding), errors);
-        left = l.le(left, squared, l.mul(reach, reach));
-        if left == 0 {
-            return;
-        }
-        let row = nearest_lane(left, &squares);
-        left &= !(1 << row);
-        best.visit(point, block.corners(row), block.primitive(row));
-        *limits = Limits::of(best);
+    let block = blocks.get(child);
+    let [least, most] = triangle_distances(l, block.vertices(l), near);
+    let all = first_lanes::<L>(block.len());
+    let nearer = l.lt(all, most, l.splat(limit.distance));
+    if nearer != 0 {
+        *limit = Limit::new(l.lowest(l.select(nearer, most, l.splat(f32::INFINITY))));
     }
-}
-
-/// The lane of a mask that has the least number.
-#[inline(always)]
-fn nearest_lane(mask: LaneBits, numbers: &[f32]) -> usize {
-    let (mut nearest, mut left) = (mask.trailing_zeros() as usize, mask & (mask - 1));
-    while left != 0 {
-        let lane = left.trailing_zeros() as usize;
-        left &= left - 1;
-        nearest = if numbers[lane] < numbers[nearest] { lane } else { nearest };
+    let (mut some, least) = (l.le(all, least, l.splat(limit.distance)), spill(l, least));
+    while some != 0 {
+        let row = some.trailing_zeros();
+        some &= some - 1;
+        triangles.push(Candidate { block: child, row, least: least[row as usize] });
     }
-    nearest
 }
 
 /// Share of the distance to a triangle's farthest corner by which a computed distance may exceed the exact one: more
@@ -195,12 +221,12 @@ const SLIVER: f32 = 1.0 / (1 << 8) as f32;
 /// Share by which a point may lie outside of an edge that is computed as inside.
 const EDGE: f32 = 1.0 / (1 << 15) as f32;
 
-/// Squared distances of a point from triangles, and by how much the distances may be too large.
+/// Bounds of the distances of a point from triangles: at most, and at least.
 ///
-/// The distance from the plane, which is never greater than that from the triangle, where the point's projection may
-/// lie inside; else the distance from the nearest edge. Slivers may be at the point.
+/// The distance from the plane where the point's projection lies inside, else from the nearest edge. Where that is not
+/// certain, the plane is never farther than the triangle, and the edges are never nearer. Slivers may be at the point.
 #[cfg_attr(not(unoptimised), inline(always))]
-fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -> (L::F, L::F) {
+fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -> [L::F; 2] {
     let point = splat(l, near.point.to_array());
     let [a, b, c] = [sub(l, triangle[0], point), sub(l, triangle[1], point), sub(l, triangle[2], point)];
     let (ab, bc, ca) = (sub(l, b, a), sub(l, c, b), sub(l, a, c));
@@ -209,19 +235,21 @@ fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -
     let normal = cross(l, ab, ca);
     let length = dot(l, normal, normal);
     let height = dot(l, normal, a);
-    let plane = l.mul(l.div(height, l.max(length, l.splat(f32::MIN_POSITIVE))), height);
+    let longest = l.mul(l.mul(dot(l, ab, ab), dot(l, ca, ca)), l.splat(SLIVER));
+    let plane = l.mul(l.div(height, l.max(l.max(length, longest), l.splat(f32::MIN_POSITIVE))), height);
     // The normal is that of the opposite side.
     let weights = l.max(
         l.max(dot(l, normal, cross(l, a, b)), dot(l, normal, cross(l, b, c))),
         dot(l, normal, cross(l, c, a)),
     );
-    let tolerance = l.mul(l.mul(max_abs(l, normal), l.mul(reach, reach)), l.splat(EDGE));
-    let inside = l.le(L::ALL, weights, tolerance);
-    let distance = l.select(inside, l.min(plane, edges), edges);
-    let longest = l.mul(dot(l, ab, ab), dot(l, ca, ca));
-    let sliver = l.le(L::ALL, length, l.mul(longest, l.splat(SLIVER)));
+    let tolerance = l.mul(l.mul(l.mul(max_abs(l, ab), max_abs(l, ca)), l.mul(reach, reach)), l.splat(EDGE));
+    let outside = l.max(l.sub(weights, tolerance), l.splat(0.0));
+    let least = l.min(l.fma(outside, l.splat(f32::MAX), plane), edges);
+    let inside = l.lt(l.lt(L::ALL, longest, length), weights, l.neg(tolerance));
+    let most = l.select(inside, l.min(plane, edges), edges);
     // The small number is for squares that underflow.
-    (l.select(sliver, l.splat(0.0), distance), l.fma(reach, l.splat(ERROR), l.splat(1e-17)))
+    let error = l.add(l.fma(reach, l.splat(ERROR), l.splat(1e-17)), l.splat(near.rounding));
+    [l.sub(l.sqrt(least), error), l.add(l.sqrt(most), error)]
 }
 
 /// The squared distance of the origin from the segment that begins at `from` and goes along `edge`.

@@ -27,6 +27,29 @@ fn soup(count: u32, size: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     ((0..3 * count).map(corner).collect(), (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
 }
 
+/// Checks the nearest points of an array against those that are found one by one.
+fn check_nearest(mesh: &Mesh, points: &[[f64; 3]], max_distance: f32) {
+    let expected: Vec<_> = points.iter().map(|&p| nearest(mesh.bvh(), p.into(), max_distance)).collect();
+    for threads in [1, 3] {
+        let mut distance = vec![0.0; points.len()];
+        let mut position = vec![[0.0; 3]; points.len()];
+        let mut primitive = vec![0; points.len()];
+        let mut columns = NearestColumns {
+            distance: Some(&mut distance),
+            position64: Some(&mut position),
+            primitive: Some(&mut primitive),
+            ..NearestColumns::default()
+        };
+        pool(threads).install(|| mesh.nearest_points(&Points::F64(points), max_distance, &mut columns));
+        for (i, expected) in expected.iter().enumerate() {
+            let found = (distance[i], primitive[i]);
+            let wanted = expected.map_or((f32::INFINITY, MISS), |n| (n.distance, n.primitive));
+            assert_eq!(found, wanted, "point {i}, {:?}", points[i]);
+            assert!(expected.is_none_or(|n| n.position64.to_array() == position[i]));
+        }
+    }
+}
+
 #[test]
 fn nearest_points_in_lanes_have_the_bits_of_one_by_one() {
     for size in [1e-20, 1e-8, 1.0, 1e6, 1e10] {
@@ -42,28 +65,25 @@ fn nearest_points_in_lanes_have_the_bits_of_one_by_one() {
             })
             .collect();
         for max_distance in [f32::INFINITY, 0.1 * size] {
-            let expected: Vec<_> =
-                points.iter().map(|&p| nearest(mesh.bvh(), p.into(), max_distance)).collect();
-            for threads in [1, 3] {
-                let mut distance = vec![0.0; points.len()];
-                let mut position = vec![[0.0; 3]; points.len()];
-                let mut primitive = vec![0; points.len()];
-                let mut columns = NearestColumns {
-                    distance: Some(&mut distance),
-                    position64: Some(&mut position),
-                    primitive: Some(&mut primitive),
-                    ..NearestColumns::default()
-                };
-                pool(threads)
-                    .install(|| mesh.nearest_points(&Points::F64(&points), max_distance, &mut columns));
-                for (i, expected) in expected.iter().enumerate() {
-                    let found = (distance[i], primitive[i]);
-                    let wanted = expected.map_or((f32::INFINITY, MISS), |n| (n.distance, n.primitive));
-                    assert_eq!(found, wanted, "size {size:e}, point {i}");
-                    assert!(expected.is_none_or(|n| n.position64.to_array() == position[i]));
-                }
-            }
+            check_nearest(&mesh, &points, max_distance);
         }
+    }
+}
+
+#[test]
+fn nearest_points_where_many_triangles_are_nearly_as_near() {
+    let ball = sphere("ball", 5, 0.0);
+    for (scale, offset) in [(1.0, 0.0), (1e-3, 1e3), (1.0, 1e6), (1e9, 1e9)] {
+        let corner = |p: &DVec3| (scale * *p + offset).as_vec3();
+        let positions: Vec<Vec3> = ball.positions.iter().map(corner).collect();
+        let mesh = Mesh::build(&positions, &ball.triangles).expect("sound");
+        // Near the middle, and near corners.
+        let of_point = |i: u32| {
+            let at = [DVec3::ZERO, ball.positions[i as usize % positions.len()]][i as usize % 2];
+            scale * (at + 10f64.powi(-(i as i32 % 9)) * point(i + 600_000).as_dvec3()) + offset
+        };
+        let points: Vec<_> = (0..600).map(|i| of_point(i).to_array()).collect();
+        check_nearest(&mesh, &points, f32::INFINITY);
     }
 }
 

@@ -79,6 +79,7 @@ pub(crate) use crossings::{Candidate, CandidateColumns, MAX_BATCH, Tally, Triang
 pub use oracle::Oracle;
 pub use single::SingleRayTracer;
 pub use tracer::CpuTracer;
+pub(crate) use tree_view::TreeView;
 
 use crate::geom::CanonicalRay;
 use crate::stream::Ray;

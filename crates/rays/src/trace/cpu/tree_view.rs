@@ -12,7 +12,7 @@ use std::hint;
 
 /// A tree's nodes and leaf blocks, with the filter of its masked triangles.
 #[derive(Clone, Copy)]
-pub(super) struct TreeView<'a> {
+pub(crate) struct TreeView<'a> {
     nodes: &'a [WideNode],
     pub blocks: &'a LeafBlocks,
     pub filter: Option<&'a dyn Filter>,
