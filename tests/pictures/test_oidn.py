@@ -6,6 +6,7 @@ import os
 import pathlib
 import platform
 import subprocess
+import time
 import unittest
 import unittest.mock
 
@@ -110,8 +111,43 @@ class Oidn(raystream.Case):
         self.environment(RAYSTREAM_OIDN=self.oidn)
         self.raystream("render", SCENE, "-o", "%d.exr", "--frames", "0..2", "--turntable", 20, "--spp", 2, *SMALL,
                        "--denoise", "oidn", "--stats", "stats.json")
-        for frame in json.loads((self.folder / "stats.json").read_text())["frames"]:
-            self.assertNotIn(frame["denoised_hash"], (None, frame["hash"]))
+        self.raystream("render", SCENE, "-o", "view%d.exr", "--views", 2, "--spp", 2, *SMALL, "--denoise", "oidn",
+                       "--stats", "views.json")
+        for stats in "stats.json", "views.json":
+            frames = json.loads((self.folder / stats).read_text())["frames"]
+            self.assertEqual(len(frames), 2)
+            for frame in frames:
+                self.assertNotIn(frame["denoised_hash"], (None, frame["hash"]))
+
+    def test_watched_picture_is_denoised_again_after_an_edit(self):
+        shader = "fn pattern(at: Point) -> Finish {{ var f = matte(at); f.colour = vec3({}, 0.4, 0.4); return f; }}\n"
+        (self.folder / "grey.wgsl").write_text(shader.format(0.4))
+        options = ["--spp", "4", *SMALL, "--denoise", "oidn", "--oidn", self.oidn, "--surface", "white=grey.wgsl"]
+        self.raystream("render", SCENE, "-o", "first.npy", *options)
+        watch = subprocess.Popen([raystream.PROGRAM, "render", SCENE, "-o", "watched.npy", "--watch", *options],
+                                 cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            self.wait_for("first.npy", "watched.npy", watch)
+            (self.folder / "grey.wgsl").write_text(shader.format(0.9))
+            self.raystream("render", SCENE, "-o", "second.npy", *options)
+            self.wait_for("second.npy", "watched.npy", watch)
+        finally:
+            watch.terminate()
+            watch.wait()
+        self.assertGreater(np.abs(self.read("first.npy") - self.read("second.npy")).max(), 0.1)
+
+    def read(self, name):
+        return np.load(self.folder / name)
+
+    def wait_for(self, expected, watched, process):
+        """Waits until a watched picture is what another run has written, but for what OIDN's threads round."""
+        expected, until = self.read(expected), time.monotonic() + 60
+        while time.monotonic() < until and process.poll() is None:
+            path = self.folder / watched
+            if path.exists() and np.allclose(self.read(watched), expected, atol=1e-3):
+                return
+            time.sleep(0.1)
+        self.fail(f"{watched} is not the picture that was expected; exit code {process.poll()}")
 
     def test_service_denoises_where_it_has_the_library_and_answers_anew(self):
         for library in ("nowhere.so", self.oidn):
