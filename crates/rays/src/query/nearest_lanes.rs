@@ -211,20 +211,23 @@ fn list_triangles<L: Lanes>(
     }
 }
 
-/// Share of the distance to a triangle's farthest corner by which a computed distance may exceed the exact one: more
-/// than 2⁹ units of rounding.
+/// Share of the distance to a triangle's farthest corner by which a computed distance may differ from the exact one:
+/// more than 2⁹ units of rounding.
 const ERROR: f32 = 1.0 / (1 << 13) as f32;
 
-/// Share of its longest possible area, squared, below which a triangle's plane is not computed.
+/// Share of the product of two edges' squared lengths below which a triangle is a sliver: the distance from its plane
+/// is divided by this share in place of the area, so it is too small.
 const SLIVER: f32 = 1.0 / (1 << 8) as f32;
 
-/// Share by which a point may lie outside of an edge that is computed as inside.
+/// Share of two edges' lengths times the squared distance of the farthest corner within which it is uncertain on which
+/// side of an edge a point lies.
 const EDGE: f32 = 1.0 / (1 << 15) as f32;
 
 /// Bounds of the distances of a point from triangles: at most, and at least.
 ///
 /// The distance from the plane where the point's projection lies inside, else from the nearest edge. Where that is not
-/// certain, the plane is never farther than the triangle, and the edges are never nearer. Slivers may be at the point.
+/// certain, the plane is never farther than the triangle, and the edges are never nearer. Rounding moves each corner by
+/// less than the error, so what is said of edges and plane holds for a triangle that is moved so little.
 #[cfg_attr(not(unoptimised), inline(always))]
 fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -> [L::F; 2] {
     let point = splat(l, near.point.to_array());
@@ -243,6 +246,7 @@ fn triangle_distances<L: Lanes>(l: L, triangle: [LaneVec3<L>; 3], near: &Near) -
         dot(l, normal, cross(l, c, a)),
     );
     let tolerance = l.mul(l.mul(l.mul(max_abs(l, ab), max_abs(l, ca)), l.mul(reach, reach)), l.splat(EDGE));
+    // If the projection is outside, the plane is farther than any edge; NaN counts as 0.
     let outside = l.max(l.sub(weights, tolerance), l.splat(0.0));
     let least = l.min(l.fma(outside, l.splat(f32::MAX), plane), edges);
     let inside = l.lt(l.lt(L::ALL, longest, length), weights, l.neg(tolerance));
