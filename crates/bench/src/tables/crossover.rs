@@ -182,7 +182,7 @@ fn seconds(work: impl FnOnce()) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-/// Mean number of triangles along a ray that hits one, of one ray in 64.
+/// Mean number of triangles along a ray that hits one, of one ray in 61.
 fn depth_complexity(bvh: Arc<Bvh>, rays: &[raystream::stream::Ray]) -> f64 {
     let some: Vec<_> = rays.iter().step_by(61).copied().collect();
     let (_, lists) = Mesh::of(bvh).all_hits(&some);
