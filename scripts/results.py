@@ -152,10 +152,10 @@ PLAIN = {
         ("moving, ms", "moving_s.median", 1e3, "{:.0f}"),
         ("best", "moving_s.best", 1e3, "{:.0f}"),
         ("worst", "moving_s.worst", 1e3, "{:.0f}"),
-        ("at rest, ms", "still_s.median", 1e3, "{:.0f}"),
+        ("still, ms", "still_s.median", 1e3, "{:.0f}"),
         ("times", "times", 1, "{:.2f}"),
         ("CPU, moving, ms", "moving_cpu_s.median", 1e3, "{:.0f}"),
-        ("CPU, at rest, ms", "still_cpu_s.median", 1e3, "{:.0f}"),
+        ("CPU, still, ms", "still_cpu_s.median", 1e3, "{:.0f}"),
         ("times", "cpu_times", 1, "{:.2f}"),
     ],
     "profiles": [
