@@ -45,12 +45,12 @@ struct Entry {
 
 /// The nearest point so far.
 pub(super) struct Best {
-    pub squared: f64,
+    squared: f64,
     position: DVec3,
     u: f64,
     v: f64,
-    /// Its triangle's corners and primitive id.
-    pub triangle: Option<([Vec3; 3], u32)>,
+    /// Primitive id of its triangle.
+    primitive: Option<u32>,
 }
 
 impl NearestPoint {
@@ -111,11 +111,11 @@ impl Best {
     /// None yet, and none farther than `max_distance`.
     pub fn within(max_distance: f32) -> Self {
         let squared = f64::from(max_distance) * f64::from(max_distance);
-        Self { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, triangle: None }
+        Self { squared, position: DVec3::ZERO, u: 0.0, v: 0.0, primitive: None }
     }
 
     pub fn answer(&self) -> Option<NearestPoint> {
-        self.triangle.map(|(_, primitive)| NearestPoint {
+        self.primitive.map(|primitive| NearestPoint {
             position: self.position.as_vec3(),
             position64: self.position,
             distance: self.squared.sqrt() as f32,
@@ -166,9 +166,9 @@ impl Best {
         let [a, b, c] = corners;
         let (position, u, v) = nearest_on_triangle(point, [a.as_dvec3(), b.as_dvec3(), c.as_dvec3()]);
         let squared = position.distance_squared(point);
-        let is_first = self.triangle.is_none_or(|(_, best)| primitive < best);
+        let is_first = self.primitive.is_none_or(|best| primitive < best);
         if squared < self.squared || squared == self.squared && is_first {
-            *self = Self { squared, position, u, v, triangle: Some((corners, primitive)) };
+            *self = Self { squared, position, u, v, primitive: Some(primitive) };
         }
     }
 }

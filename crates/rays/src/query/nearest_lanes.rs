@@ -1,8 +1,8 @@
 //! Nearest points of many points, with the boxes of a node and the triangles of a leaf block in lanes.
 //!
-//! Lanes compute in `f32` between which bounds the distance of a triangle lies. A search lists the triangles whose
-//! least distance is not above the lowest upper bound; `f64` decides among those that are left when it ends, one or two
-//! as a rule. So answers are to the bit those of [`super::nearest::nearest`].
+//! Lanes compute a lower and an upper bound of each triangle's distance in `f32`. A search lists the triangles whose
+//! lower bound is not above the least upper bound so far. When it ends, `f64` decides among those that are left, one or
+//! two as a rule. So answers are to the bit those of [`super::nearest::nearest`].
 
 use super::nearest::{Best, NearestPoint, around};
 use crate::bvh::{Bvh, Child, LeafBlocks, WIDTH, WideNode};
@@ -69,17 +69,11 @@ impl Near {
 struct Candidate {
     block: Child,
     row: u32,
-    /// At most its distance.
+    /// A lower bound of its distance.
     least: f32,
 }
 
-/// What a search has still to visit.
-struct Lists {
-    children: Vec<Entry>,
-    triangles: Vec<Candidate>,
-}
-
-/// At least the distance of the nearest triangle, and its square.
+/// An upper bound of the distance of the nearest triangle, and one of its square.
 #[derive(Clone, Copy)]
 struct Limit {
     distance: f32,
@@ -101,8 +95,8 @@ impl LaneTask for Search<'_> {
         let Self { bvh, points, max_distance, answers } = self;
         let (nodes, blocks) = (bvh.wide().nodes(), bvh.wide().blocks());
         let tree = TreeView::new(bvh.wide(), None);
-        let children = Vec::with_capacity(WIDTH * bvh.wide().depth() + 1);
-        let mut lists = Lists { children, triangles: Vec::new() };
+        let mut children = Vec::with_capacity(WIDTH * bvh.wide().depth() + 1);
+        let mut triangles: Vec<Candidate> = Vec::new();
         let mut before: Option<DVec3> = None;
         for (&point, answer) in points.iter().zip(answers) {
             *answer = None;
@@ -113,20 +107,20 @@ impl LaneTask for Search<'_> {
             let near = Near::new(point);
             let known = before.map_or(f32::INFINITY, |on_mesh| farthest(point, on_mesh));
             let mut limit = Limit::new(max_distance.min(known));
-            lists.children.push(Entry { child: Child::ROOT, squared: 0.0 });
-            while let Some(Entry { child, squared }) = lists.children.pop() {
+            children.push(Entry { child: Child::ROOT, squared: 0.0 });
+            while let Some(Entry { child, squared }) = children.pop() {
                 if squared > limit.squared {
                     continue;
                 }
                 if child.is_block() {
-                    list_triangles(l, child, blocks, &near, &mut limit, &mut lists.triangles);
+                    list_triangles(l, child, blocks, &near, &mut limit, &mut triangles);
                 } else {
                     let node = &nodes[child.index()];
-                    push_children(l, &tree, node, &near, limit.squared, &mut lists.children);
+                    push_children(l, &tree, node, &near, limit.squared, &mut children);
                 }
             }
             let mut best = Best::within(max_distance);
-            for Candidate { block, row, least } in lists.triangles.drain(..) {
+            for Candidate { block, row, least } in triangles.drain(..) {
                 if least <= limit.distance {
                     let (block, row) = (blocks.get(block), row as usize);
                     best.visit(point, block.corners(row), block.primitive(row));
@@ -138,7 +132,7 @@ impl LaneTask for Search<'_> {
     }
 }
 
-/// At least the distance of a point from one that was computed in `f64` as a point on a triangle.
+/// An upper bound of the distance of a point from one on a triangle, which was computed in `f64`.
 #[inline(always)]
 fn farthest(point: DVec3, on_triangle: DVec3) -> f32 {
     // Many times the error of the point on the triangle.
@@ -219,11 +213,11 @@ const ERROR: f32 = 1.0 / (1 << 13) as f32;
 /// is divided by this share in place of the area, so it is too small.
 const SLIVER: f32 = 1.0 / (1 << 8) as f32;
 
-/// Share of two edges' lengths times the squared distance of the farthest corner within which it is uncertain on which
-/// side of an edge a point lies.
+/// Tolerance of the test on which side of an edge a point lies, as a share of two edges' lengths times the squared
+/// distance of the farthest corner.
 const EDGE: f32 = 1.0 / (1 << 15) as f32;
 
-/// Bounds of the distances of a point from triangles: at most, and at least.
+/// A lower and an upper bound of the distance of a point from each triangle.
 ///
 /// The distance from the plane where the point's projection lies inside, else from the nearest edge. Where that is not
 /// certain, the plane is never farther than the triangle, and the edges are never nearer. Rounding moves each corner by
