@@ -80,6 +80,7 @@ impl Bvh {
         }
         self.bounds = nodes[0].union_of_children();
         (self.max_abs, self.supports) = (self.bounds.max_abs(), OnceLock::new());
+        self.diagonals = OnceLock::from(None);
         nodes.par_iter_mut().with_min_len(1 << 8).for_each(WideNode::update_front_to_back);
         if must_repack {
             let count = self.triangle_blocks.len();

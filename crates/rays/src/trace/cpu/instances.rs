@@ -52,7 +52,9 @@ pub(super) unsafe fn traverse<W: Lanes, E: Lanes>(
                     None => visits.visit_all(World, &sub, octant, local),
                     Some(placement) => {
                         local.moved.begin_visit();
-                        let space = InstanceSpace::new(placement, instance.first_primitive, octant);
+                        let turned = instance.tree.turned(placement);
+                        let space =
+                            InstanceSpace::new(placement, instance.first_primitive, octant, turned.as_ref());
                         visits.visit_all(space, &sub, octant, local);
                     }
                 }

@@ -137,7 +137,7 @@ pub(super) unsafe fn visit_node<W: Lanes, E: Lanes, S: Space, const PAIRS: bool>
         let node = sub.tree.node(entry.child);
         let list = ids.add(entry.start as usize);
         let mut buffer = [[[0.0; WIDTH]; 3]; 2];
-        let faces = Faces::new(space.boxes(e, node, &mut buffer), octant);
+        let faces = Faces::new(space.boxes(e, entry.child.index(), node, &mut buffer), octant);
         debug_assert!(std::slice::from_raw_parts(list, len).is_sorted());
         let (first, last) = (ray_index(*list), ray_index(*list.add(len - 1)));
         if let Some(shafts) = ShaftSlots::new(e, sub.shafts, first, last, len, &faces, octant) {

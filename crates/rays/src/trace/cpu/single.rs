@@ -326,7 +326,7 @@ unsafe fn visit_tree<E: Lanes, S: Space, V: Leaves, A: Accept, const ANY: bool>(
             // SAFETY: invariant 2.
             let node = unsafe { nodes.get_unchecked(child.index()) };
             let mut buffer = [[[0.0; WIDTH]; 3]; 2];
-            let faces = Faces::new(space.boxes(e, node, &mut buffer), query.octant);
+            let faces = Faces::new(space.boxes(e, child.index(), node, &mut buffer), query.octant);
             let (enter, leave) = query.slabs.clamped_distances(e, &faces, e.splat(search.best.t));
             let mut entered = e.le(0xff, enter, leave);
             if entered.is_power_of_two() {
@@ -433,7 +433,7 @@ impl Leaves for InstanceLeaves {
                     visit_tree::<E, _, _, A, ANY>(e, World, wide, &leaves, query, stack, search)
                 }
                 Some(placement) => {
-                    let space = InstanceSpace::new(placement, instance.first_primitive, query.octant);
+                    let space = InstanceSpace::new(placement, instance.first_primitive, query.octant, None);
                     let leaves = TriangleLeaves { space, blocks: wide.blocks() };
                     visit_tree::<E, _, _, A, ANY>(e, space, wide, &leaves, query, stack, search)
                 }
