@@ -305,6 +305,7 @@ impl Film {
     }
 
     /// Number of a pixel's samples that hit something. Needs [`LayerPlan::hits`].
+    #[inline]
     pub fn hits(&self, pixel: usize) -> u32 {
         self.held().hits[pixel].load(Relaxed)
     }

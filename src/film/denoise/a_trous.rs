@@ -11,13 +11,18 @@
 //! The filter looks at most [`FILTER_REACH`] pixels away, so rows are the same if others are cut off beyond that.
 //!
 //! # Same bytes
-//! Levels are computed in lanes, with one pixel in each lane, in a fixed order and without fused operations; everything
-//! else is scalar. Each row is computed by one thread from inputs that do not change.
+//! What is computed in lanes, with one pixel in each lane, has a fixed order and no fused operations; everything else is
+//! scalar. Each row is computed by one thread from inputs that do not change.
 
-use super::planes::{Plane, all_blurred, in_parallel};
+mod brightness;
+mod rows;
+
+use super::planes::in_parallel;
 use crate::film::{Film, Image, Region};
-use crate::lanes::{LaneTask, Lanes, MAX_LANES, Num, SimdLevel, Vector};
+use crate::lanes::{LaneTask, Lanes, Num, SimdLevel, Vector};
+use brightness::{Cut, Measure};
 use glam::Vec3;
+use rows::Rows;
 use std::cell::Cell;
 
 /// Number of levels.
@@ -29,14 +34,10 @@ const NEAR: usize = 3;
 /// The farthest pixels on which one depends, in rows or columns.
 pub const FILTER_REACH: u32 = (2 * MARGIN - 1 + 2 * NEAR) as u32;
 
-/// Light that is this many times brighter than the mean around it is cut.
-const BRIGHTEST: f32 = 6.0;
 /// The first level that compares light: single samples differ too much.
 const COMPARING: usize = 2;
 /// Standard deviations by which light may differ.
 const DEVIATIONS: f32 = 8.0;
-/// Share of the mean light around a pixel by which light may differ, even without noise.
-const LEAST_DIFFERENCE: f32 = 0.02;
 /// Squarings of the cosine between normals.
 const SQUARINGS: usize = 4;
 /// Distances of neighbours at which one that far from a pixel's plane does not count.
@@ -55,48 +56,12 @@ const GUIDES: usize = 7;
 const SIGNALS: usize = 5;
 const LUMINANCE: usize = 3;
 const VARIANCE: usize = 4;
+/// Columns of [`GuidedPicture::surfaces`]: colour, which light is multiplied by, and what is added then.
+const SURFACES: usize = 6;
 
 thread_local! {
-    /// Memory of the last frame's rows, which the next one uses: the system takes milliseconds for such memory.
-    static SPARE: Cell<Vec<Vec<f32>>> = const { Cell::new(Vec::new()) };
-}
-
-/// Numbers of pixels with margins of zeros, row by row; a row has one column after the other.
-#[derive(Debug)]
-struct Rows {
-    columns: usize,
-    stride: usize,
-    numbers: Vec<f32>,
-}
-
-impl Rows {
-    fn new(columns: usize, width: usize, height: usize) -> Self {
-        let stride = 2 * MARGIN + width.next_multiple_of(MAX_LANES) + MAX_LANES;
-        let mut spare = SPARE.take();
-        let mut numbers = spare.pop().unwrap_or_default();
-        SPARE.set(spare);
-        numbers.clear();
-        numbers.resize(columns * stride * (height + 2 * MARGIN), 0.0);
-        Self { columns, stride, numbers }
-    }
-
-    /// A column of a row, which counts from the margin.
-    #[inline(always)]
-    fn row(&self, row: usize, column: usize) -> &[f32] {
-        &self.numbers[(row * self.columns + column) * self.stride..][..self.stride]
-    }
-
-    /// The rows of the picture in bands.
-    fn bands(&mut self, height: usize) -> impl Iterator<Item = &mut [f32]> {
-        let row = self.columns * self.stride;
-        self.numbers[MARGIN * row..][..height * row].chunks_mut(BAND * row)
-    }
-
-    /// All columns of a row, which counts from the margin.
-    fn whole(&self, row: usize) -> &[f32] {
-        let length = self.columns * self.stride;
-        &self.numbers[row * length..][..length]
-    }
+    /// The last picture, whose memory one of the same size uses: the system takes milliseconds for so much.
+    static LAST: Cell<Option<GuidedPicture>> = const { Cell::new(None) };
 }
 
 /// The vectors whose numbers begin a slice, for pixels in lanes.
@@ -106,25 +71,16 @@ fn vector<L: Lanes>(l: L, from: &[f32], stride: usize) -> Vector<L> {
     Vector::new(Num::load(l, x), Num::load(l, y), Num::load(l, z))
 }
 
-impl Drop for Rows {
-    fn drop(&mut self) {
-        let mut spare = SPARE.take();
-        if spare.len() < 3 {
-            spare.push(std::mem::take(&mut self.numbers));
-        }
-        SPARE.set(spare);
-    }
-}
-
 /// A picture of few samples, and what its camera rays hit.
 #[derive(Debug)]
 pub struct GuidedPicture {
     width: usize,
     height: usize,
     guides: Rows,
-    /// Colour, which light is multiplied by, and what is added then.
-    surfaces: Vec<[[f32; 3]; 2]>,
+    surfaces: Rows,
     signal: Rows,
+    /// What is computed from the signal, which it then becomes.
+    next: Rows,
 }
 
 /// A camera, as far as the filter knows it.
@@ -158,48 +114,46 @@ struct Guided {
 }
 
 impl GuidedPicture {
+    fn new(width: usize, height: usize) -> Self {
+        let rows = |columns| Rows::new(columns, width, height);
+        Self {
+            width,
+            height,
+            guides: rows(GUIDES),
+            surfaces: rows(SURFACES),
+            signal: rows(SIGNALS),
+            next: rows(SIGNALS),
+        }
+    }
+
     /// A region of a film with guides.
     ///
     /// # Panics
     /// If the film does not have these sums and counts of hits.
     pub fn of(film: &Film, region: Region, sums: GuideSums, viewpoint: Viewpoint, threads: usize) -> Self {
         let (width, height) = (region.width as usize, region.height as usize);
-        let mut own = Self {
-            width,
-            height,
-            guides: Rows::new(GUIDES, width, height),
-            surfaces: vec![[[0.0; 3]; 2]; width * height],
-            signal: Rows::new(SIGNALS, width, height),
-        };
+        let of_size = |last: &Self| (last.width, last.height) == (width, height);
+        let mut own = LAST.take().filter(of_size).unwrap_or_else(|| Self::new(width, height));
         let stride = own.guides.stride;
-        let surfaces = own.surfaces.chunks_mut(BAND * width);
         let scales =
             [sums.normal, sums.position, sums.colour, sums.emission].map(|first| film.layer_scale(first));
-        let bands = own.guides.bands(height).zip(own.signal.bands(height)).zip(surfaces).enumerate();
-        in_parallel(threads, bands.collect(), |(band, ((guides, signal), surfaces))| {
-            for (i, surface) in surfaces.iter_mut().enumerate() {
-                let (x, row) = (i % width, i / width);
+        let bands = own.guides.bands(height).zip(own.signal.bands(height)).zip(own.surfaces.bands(height));
+        in_parallel(threads, bands.enumerate().collect(), |(band, ((guides, signal), surfaces))| {
+            let signals = signal.chunks_exact_mut(SIGNALS * stride);
+            let rows = guides.chunks_exact_mut(GUIDES * stride).zip(signals);
+            let rows = rows.zip(surfaces.chunks_exact_mut(SURFACES * stride)).enumerate();
+            for (row, ((guides, signal), surface)) in rows {
                 let y = region.y as usize + band * BAND + row;
-                let pixel = y * film.width() as usize + region.x as usize + x;
-                let radiance = Vec3::from_array(film.mean_of(pixel));
-                let Some(Guided { normal, position, colour, emission }) = guided(film, pixel, sums, &scales)
-                else {
-                    surface[1] = radiance.to_array();
-                    continue;
-                };
-                let colour = colour + LEAST_COLOUR;
-                let light = (radiance - emission).max(Vec3::ZERO) / colour;
-                *surface = [colour.to_array(), emission.to_array()];
-                let width_there = viewpoint.cone[0] + viewpoint.cone[1] * position.distance(viewpoint.eye);
-                let (n, p, by_width) = (normal, position, 1.0 / (width_there + TINY));
-                let to = &mut guides[row * GUIDES * stride + MARGIN + x..];
-                for (column, number) in [n.x, n.y, n.z, p.x, p.y, p.z, by_width].into_iter().enumerate() {
-                    to[column * stride] = number;
+                for x in 0..width {
+                    let pixel = y * film.width() as usize + region.x as usize + x;
+                    let [guide, light, own] = viewpoint.columns(film, pixel, sums, &scales);
+                    write(guides, stride, x, &guide);
+                    write(signal, stride, x, &light[..=LUMINANCE]);
+                    write(surface, stride, x, &own[..SURFACES]);
                 }
-                let to = &mut signal[row * SIGNALS * stride + MARGIN + x..];
-                for (column, number) in [light.x, light.y, light.z, luminance(light)].into_iter().enumerate()
-                {
-                    to[column * stride] = number;
+                // Other lanes of the last pixels, which the last picture has written.
+                for column in signal.chunks_exact_mut(stride) {
+                    column[MARGIN + width..].fill(0.0);
                 }
             }
         });
@@ -209,72 +163,74 @@ impl GuidedPicture {
     /// The picture with less noise, computed by `threads` threads. Neither they nor the SIMD level change a bit of it.
     pub fn filtered(mut self, simd: SimdLevel, threads: usize) -> Image {
         let (width, height) = (self.width, self.height);
-        self.measure(threads);
-        let mut to = Rows::new(SIGNALS, width, height);
+        let (guides, from) = (&self.guides, &self.signal);
+        in_parallel(threads, self.next.bands(height).enumerate().collect(), |(band, to)| {
+            simd.run(Cut { guides, from, to, width, height, band });
+        });
+        let from = &self.next;
+        in_parallel(threads, self.signal.bands(height).enumerate().collect(), |(band, to)| {
+            simd.run(Measure { from, to, width, height, band });
+        });
         for level in 0..LEVELS {
             let (guides, from) = (&self.guides, &self.signal);
-            let bands = to.bands(height).enumerate().collect();
-            in_parallel(threads, bands, |(band, to)| {
+            in_parallel(threads, self.next.bands(height).enumerate().collect(), |(band, to)| {
                 simd.run(Level { guides, from, to, width, top: MARGIN + band * BAND, level });
             });
-            std::mem::swap(&mut self.signal, &mut to);
+            std::mem::swap(&mut self.signal, &mut self.next);
         }
         let mut pixels = vec![[0.0; 3]; width * height];
-        let bands = pixels.chunks_mut(BAND * width).zip(self.surfaces.chunks(BAND * width)).enumerate();
-        in_parallel(threads, bands.collect(), |(band, (pixels, surfaces))| {
-            for (i, (pixel, [colour, added])) in pixels.iter_mut().zip(surfaces).enumerate() {
-                let row = MARGIN + band * BAND + i / width;
+        in_parallel(threads, pixels.chunks_mut(BAND * width).enumerate().collect(), |(band, pixels)| {
+            for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
+                let row = MARGIN + band * BAND + row;
                 for channel in 0..3 {
-                    let light = self.signal.row(row, channel)[MARGIN + i % width];
-                    pixel[channel] = light * colour[channel] + added[channel];
-                }
-            }
-        });
-        Image::new(width as u32, height as u32, pixels)
-    }
-
-    /// Cuts what is too bright, and measures the variance of light around each pixel.
-    fn measure(&mut self, threads: usize) {
-        let (width, height) = (self.width, self.height);
-        let plane = |rows: &Rows, column: usize, number: fn(f32) -> f32| -> Plane {
-            let row = |y: usize| &rows.row(MARGIN + y, column)[MARGIN..][..width];
-            let mut plane = Plane::with_capacity(width * height);
-            (0..height).for_each(|y| plane.extend(row(y).iter().map(|&n| number(n))));
-            plane
-        };
-        let is_there = plane(&self.guides, GUIDES - 1, |inverse| f32::from(u8::from(inverse > 0.0)));
-        let light = plane(&self.signal, LUMINANCE, |luminance| luminance);
-        let near = all_blurred(threads, &[&is_there, &light], width, NEAR);
-        let stride = self.signal.stride;
-        let bands = self.signal.bands(height).enumerate().collect();
-        in_parallel(threads, bands, |(band, signal): (usize, &mut [f32])| {
-            for (row, signal) in signal.chunks_mut(SIGNALS * stride).enumerate() {
-                for x in 0..width {
-                    let pixel = (band * BAND + row) * width + x;
-                    let most = BRIGHTEST * near[1][pixel] / (near[0][pixel] + TINY);
-                    let own = signal[LUMINANCE * stride + MARGIN + x];
-                    let share = if own > most { most / own } else { 1.0 };
-                    for column in 0..=LUMINANCE {
-                        signal[column * stride + MARGIN + x] *= share;
+                    let light = self.signal.row(row, channel)[MARGIN..].iter();
+                    let colours = self.surfaces.row(row, channel)[MARGIN..].iter();
+                    let added = self.surfaces.row(row, 3 + channel)[MARGIN..].iter();
+                    for (((pixel, light), colour), added) in
+                        pixels.iter_mut().zip(light).zip(colours).zip(added)
+                    {
+                        pixel[channel] = light * colour + added;
                     }
                 }
             }
         });
-        let light = plane(&self.signal, LUMINANCE, |luminance| luminance);
-        let squares = plane(&self.signal, LUMINANCE, |luminance| luminance * luminance);
-        let means = all_blurred(threads, &[&light, &squares], width, NEAR);
-        let bands = self.signal.bands(height).enumerate().collect();
-        in_parallel(threads, bands, |(band, signal): (usize, &mut [f32])| {
-            for (row, signal) in signal.chunks_mut(SIGNALS * stride).enumerate() {
-                for x in 0..width {
-                    let pixel = (band * BAND + row) * width + x;
-                    let there = 1.0 / (near[0][pixel] + TINY);
-                    let (mean, square) = (means[0][pixel] * there, means[1][pixel] * there);
-                    let least = LEAST_DIFFERENCE * LEAST_DIFFERENCE * mean * mean;
-                    signal[VARIANCE * stride + MARGIN + x] = (square - mean * mean).max(least);
-                }
-            }
-        });
+        LAST.set(Some(self));
+        Image::new(width as u32, height as u32, pixels)
+    }
+}
+
+impl Viewpoint {
+    /// The columns of a pixel: guides, signal, surface. All are zeros where nothing is hit, but for what is added.
+    #[inline]
+    fn columns(
+        &self,
+        film: &Film,
+        pixel: usize,
+        sums: GuideSums,
+        scales: &[[f64; 3]; 4],
+    ) -> [[f32; GUIDES]; 3] {
+        let radiance = Vec3::from_array(film.mean_of(pixel));
+        let Some(Guided { normal: n, position: p, colour, emission: e }) = guided(film, pixel, sums, scales)
+        else {
+            return [[0.0; GUIDES], [0.0; GUIDES], [0.0, 0.0, 0.0, radiance.x, radiance.y, radiance.z, 0.0]];
+        };
+        let c = colour + LEAST_COLOUR;
+        let light = (radiance - e).max(Vec3::ZERO) / c;
+        let width_there = self.cone[0] + self.cone[1] * p.distance(self.eye);
+        let by_width = 1.0 / (width_there + TINY);
+        [
+            [n.x, n.y, n.z, p.x, p.y, p.z, by_width],
+            [light.x, light.y, light.z, luminance(light), 0.0, 0.0, 0.0],
+            [c.x, c.y, c.z, e.x, e.y, e.z, 0.0],
+        ]
+    }
+}
+
+/// Writes the columns of a pixel of a row.
+#[inline(always)]
+fn write(row: &mut [f32], stride: usize, x: usize, columns: &[f32]) {
+    for (column, &number) in columns.iter().enumerate() {
+        row[column * stride + MARGIN + x] = number;
     }
 }
 
@@ -300,6 +256,7 @@ fn guided(film: &Film, pixel: usize, sums: GuideSums, scales: &[[f64; 3]; 4]) ->
     })
 }
 
+#[inline]
 fn luminance(light: Vec3) -> f32 {
     light.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }

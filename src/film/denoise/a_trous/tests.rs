@@ -143,6 +143,18 @@ fn rows_do_not_depend_on_rows_out_of_reach() {
 }
 
 #[test]
+fn the_picture_before_leaves_no_trace() {
+    let film = film(true);
+    // One of sky and surfaces where the other has surfaces alone, of a width that does not fill the lanes.
+    let [a, b] = [0, 20].map(|at| Region { x: at, y: at, width: 51, height: 45 });
+    let simd = SimdLevel::detect();
+    let fresh =
+        std::thread::scope(|scope| scope.spawn(|| filtered(&film, a, simd, 1)).join().expect("no panic"));
+    filtered(&film, b, simd, 1);
+    assert_eq!(filtered(&film, a, simd, 1), fresh);
+}
+
+#[test]
 fn tiny_pictures_are_filtered() {
     let film = film(true);
     for (width, height) in [(1, 1), (2, 5), (17, 1)] {
