@@ -33,14 +33,9 @@ pub struct OcclusionShader {
 pub struct SampleState {
     /// The pixel, counted row by row from the top.
     pub pixel: u32,
-    /// The number of the pixel's sample. Its highest bit is set for rays from surfaces.
+    /// The number of the pixel's sample.
     pub sample: u32,
 }
-
-/// Marks the rays from surfaces of scenes that are seen through. They are traced as camera rays are, so that they may
-/// pass surfaces of computed opacity; shadow rays tell only that something is hit.
-const OF_SURFACE: u32 = 1 << 31;
-const _: () = assert!(Settings::MAX_SPP < OF_SURFACE);
 
 impl AmbientOcclusion {
     /// Ambient occlusion of one frame, with a reach in world units.
@@ -67,7 +62,6 @@ struct Shading<'a, 'o> {
     shader: &'a OcclusionShader,
     frame: &'a Frame,
     batch: Batch<'a, SampleState>,
-    is_seen_through: bool,
     out: &'a mut Output<'o, SampleState, u32>,
 }
 
@@ -83,14 +77,11 @@ impl LaneTask for Shading<'_, '_> {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
-                let of_surface = !(sample & OF_SURFACE).is(0);
-                let sample = sample & !OF_SURFACE;
                 let target = frame.target(pixel, sample);
                 match run.material {
                     None => frame.splat_lanes(None, lanes, target, Vector::splat(l, Vec3::ONE)),
                     Some(material) => {
                         let sampler = Sampler::of(pixel, sample, frame.settings().seed);
-                        let lanes = lanes & !of_surface;
                         self.hit(&scene.materials[material as usize], ids, lanes, target, &sampler);
                     }
                 }
@@ -118,21 +109,7 @@ impl Shading<'_, '_> {
         // A bent normal may point a direction into the surface, where nothing is open.
         let lanes = lanes & at.is_above(to);
         let t_max = Num::splat(l, self.shader.reach);
-        let rays = NewRays { origin: at.scattered_origin(to), direction: to, t_max };
-        if self.is_seen_through {
-            let [pixel, sample] = ids.rows(bytemuck::cast_slice(self.batch.payloads));
-            let (mut pixels, mut samples) = (L::array(0), L::array(0));
-            let count = pixel.append(lanes, pixels.as_mut());
-            sample.append(lanes, samples.as_mut());
-            let rays = rays.rows(lanes);
-            let rays: &[Ray] = bytemuck::cast_slice(rays.as_ref());
-            for (lane, &ray) in rays[..count].iter().enumerate() {
-                let (pixel, sample) = (pixels[lane], samples[lane] | OF_SURFACE);
-                self.out.ray(ray, SampleState { pixel, sample });
-            }
-            return;
-        }
-        let rays = rays.rows(lanes);
+        let rays = NewRays { origin: at.scattered_origin(to), direction: to, t_max }.rows(lanes);
         let mut pixels = L::array(0);
         let count = target.append(lanes, pixels.as_mut());
         self.out.shadow_row(count, bytemuck::cast_slice(rays.as_ref()), pixels.as_ref());
@@ -184,26 +161,13 @@ impl HitShader for OcclusionShader {
         batch: Batch<'_, SampleState>,
         out: &mut Output<'_, SampleState, u32>,
     ) {
-        let is_seen_through = frame.is_seen_through();
-        frame.simd().run(Shading { shader: self, frame, batch, is_seen_through, out });
+        frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
     #[inline]
     fn camera_sample(&self, state: &SampleState) -> Option<CameraSample> {
         let SampleState { pixel, sample } = *state;
-        let is_camera_ray = sample & OF_SURFACE == 0 || sample == CameraSample::CENTRE;
-        is_camera_ray.then_some(CameraSample { pixel, sample })
-    }
-
-    #[inline]
-    fn sample_of(&self, state: &SampleState) -> Option<CameraSample> {
-        let SampleState { pixel, sample } = *state;
-        self.camera_sample(state).or(Some(CameraSample { pixel, sample: sample & !OF_SURFACE }))
-    }
-
-    #[inline]
-    fn depth(&self, state: &SampleState) -> u32 {
-        u32::from(self.camera_sample(state).is_none())
+        Some(CameraSample { pixel, sample })
     }
 
     fn shadow(&self, frame: &Frame, _: &[Ray], payloads: &[u32], occluded: &[u32]) {

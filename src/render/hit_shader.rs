@@ -4,7 +4,7 @@ use super::{CameraSample, Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
 use crate::lanes::SimdLevel;
 use crate::scene::Camera;
-use crate::schedule::{Batch, Output, Renderer, SceneId};
+use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
 use crate::shade::{LitScene, LoopStack};
 use crate::stream::Ray;
 use bytemuck::Pod;
@@ -276,6 +276,10 @@ impl<S: HitShader> Renderer for HitShading<S> {
 
     fn warnings(&self) -> Vec<String> {
         self.frame.dropped_warnings()
+    }
+
+    fn see_through(&self) -> Option<&dyn SeeThrough> {
+        if S::ADDS_FIRST_HITS { None } else { self.frame.see_through() }
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[S::ShadowPayload], occluded: &[u32]) {

@@ -1,6 +1,6 @@
 //! A renderer whose batches are single rays.
 
-use crate::schedule::{Batch, Output, Renderer, SceneId};
+use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
 use crate::stream::Ray;
 use std::sync::Arc;
 
@@ -50,6 +50,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
 
     fn warnings(&self) -> Vec<String> {
         self.0.warnings()
+    }
+
+    fn see_through(&self) -> Option<&dyn SeeThrough> {
+        self.0.see_through()
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[R::ShadowPayload], occluded: &[u32]) {

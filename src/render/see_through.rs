@@ -3,15 +3,18 @@
 //! Before a shader sees a batch, the hits on such surfaces are shaded for their opacity alone. A ray that passes is
 //! emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones, depths and
 //! payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle once.
+//!
+//! Shadow rays that meet such a surface are traced on by the scheduler ([`SeeThrough`]). Their payloads tell no sample,
+//! so a number of their line selects the random numbers.
 
 use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, hits_of, rays_of};
 use crate::geom::{Sampler, mix};
 use crate::lanes::{Int, LaneTask, Lanes};
 use crate::scene::{Scene, Surface};
-use crate::schedule::{Batch, Output};
+use crate::schedule::{Batch, Output, SeeThrough};
 use crate::shade::{Cone, Interaction, pass_through, sort};
-use crate::stream::Ray;
+use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
 
 /// What selects a ray's random numbers: pixel, sample, and the ray's number in its path.
@@ -19,8 +22,13 @@ type Draw = [u32; 3];
 
 impl Frame {
     /// True if rays may pass a surface of the scene.
-    pub(super) fn is_seen_through(&self) -> bool {
+    fn is_seen_through(&self) -> bool {
         self.scene().procedurals.iter().any(|surface| surface.effects().has_opacity)
+    }
+
+    /// The scene's surfaces that shadow rays may pass, if there are any.
+    pub(super) fn see_through(&self) -> Option<&dyn SeeThrough> {
+        self.is_seen_through().then_some(self)
     }
 
     /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
@@ -48,6 +56,16 @@ impl Frame {
             out.ray(Ray { t_min: hit.t.next_up(), ..ray }, batch.payloads[i as usize]);
         }
         (!passed.is_empty()).then(|| GivenRays::without(batch, &passed))
+    }
+}
+
+impl SeeThrough for Frame {
+    fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
+        let draws: Vec<Draw> = rays.iter().map(|ray| [hash(ray); 3]).collect();
+        let mut passed =
+            self.simd().run(Decide { frame: self, batch: Batch { rays, hits, payloads: &draws } });
+        passed.sort_unstable();
+        passed
     }
 }
 

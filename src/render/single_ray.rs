@@ -2,7 +2,7 @@
 //! thread follows one path to its end before it starts the next. It calls the shaders of a [`Renderer`] with batches of
 //! one ray.
 
-use crate::schedule::{Batch, Output, RayCounts, Renderer};
+use crate::schedule::{Batch, Output, RayCounts, Renderer, trace_on};
 use crate::stream::{Hit, Ray, RayArray, Tracer};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
@@ -149,6 +149,9 @@ impl<'a, R: Renderer> Walk<'a, R> {
         }
         occluded.resize(shadow_rays.len(), 0);
         self.tracer.occluded(shadow_rays, occluded);
+        if let Some(surfaces) = self.renderer.see_through() {
+            trace_on(surfaces, self.tracer, shadow_rays, occluded);
+        }
         self.renderer.shadow(shadow_rays, shadow_payloads, occluded);
         self.counts.shadow += shadow_rays.len() as u64;
         shadow_rays.clear();

@@ -11,7 +11,7 @@
 //! 4. A [`Borrowed`] uses its pointer as a shared reference to a renderer, which is `Sync`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Batch, Output, Renderer, SceneId};
+use super::{Batch, Output, Renderer, SceneId, SeeThrough};
 use crate::stream::{Ray, drop_quietly};
 use bytemuck::Pod;
 use std::marker::PhantomData;
@@ -147,6 +147,10 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
     #[inline]
     fn depth(&self, payload: &P) -> u32 {
         self.renderer().depth(payload)
+    }
+
+    fn see_through(&self) -> Option<&dyn SeeThrough> {
+        self.renderer().see_through()
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[S], occluded: &[u32]) {

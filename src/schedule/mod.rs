@@ -29,6 +29,7 @@ mod result;
 mod rows;
 mod scene_id;
 mod scope;
+mod see_through;
 mod service;
 mod state;
 mod task;
@@ -46,7 +47,7 @@ pub use options::{JobOptions, ServiceOptions, Tracers};
 pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, TaskSize, Turn, Unit, View};
 pub use priority::Priority;
 pub use queries::{QueryError, QueryHandle};
-pub use renderer::{Batch, Output, Renderer};
+pub use renderer::{Batch, Output, Renderer, SeeThrough};
 pub use report::{
     DEPTHS, Depths, JobReport, Lengths, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport,
     UnitReport,
@@ -54,4 +55,5 @@ pub use report::{
 pub use result::JobError;
 pub use scene_id::SceneId;
 pub use scope::Scope;
+pub use see_through::trace_on;
 pub use service::{Service, ServiceError};

@@ -62,9 +62,27 @@ pub trait Renderer: Send + Sync {
         Vec::new()
     }
 
+    /// The surfaces that shadow rays may pass, if there are any. Shadow rays that meet something are then traced on, by
+    /// the host, until something stops them.
+    ///
+    /// A renderer that wraps another must forward it.
+    fn see_through(&self) -> Option<&dyn SeeThrough> {
+        None
+    }
+
     /// Receives traced shadow rays: `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0. Called for
     /// all shadow rays of a stream before any of its rays is shaded.
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
+}
+
+/// Surfaces that shadow rays may pass.
+pub trait SeeThrough {
+    /// Decides which shadow rays pass what they hit first: their places, in ascending order. `hits` are their nearest
+    /// hits, one for each ray; those that miss pass nothing.
+    ///
+    /// The answer about a ray may depend on the ray and its hit alone, so that it is the same in any stream. A ray that
+    /// passes comes again with `t_min` behind its hit.
+    fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32>;
 }
 
 /// Traced rays to shade: slices of the same length.

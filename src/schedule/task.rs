@@ -1,7 +1,7 @@
 //! What a thread does between two visits to the lists, without the lock.
 
 use super::result::JobError;
-use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit};
+use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit, trace_on};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
     StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, paths,
@@ -178,10 +178,16 @@ impl<R: Renderer> SharedJob<R> {
     ) -> Done<R::Payload, R::ShadowPayload> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
+        let traced_on = self.renderer.see_through().map(|surfaces| {
+            let mut occluded = shadows.occluded.to_vec();
+            trace_on(surfaces, &*self.tracers.host, shadows.rays, &mut occluded);
+            occluded
+        });
+        let occluded = traced_on.as_deref().unwrap_or(shadows.occluded);
         for start in (0..shadows.rays.len()).step_by(limits.batch_rays) {
             let batch = start..(start + limits.batch_rays).min(shadows.rays.len());
             let (rays, payloads) = (&shadows.rays[batch.clone()], &shadows.payloads[batch.clone()]);
-            self.renderer.shadow(rays, payloads, &shadows.occluded[batch]);
+            self.renderer.shadow(rays, payloads, &occluded[batch]);
         }
         let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
         let batch_rays = limits.batch_rays.min(threshold).min(most_rays);

@@ -6,7 +6,7 @@ use super::exchange::ShadowState;
 use crate::film::Film;
 use crate::render::{Frame, Integrator, Settings, SettingsError};
 use crate::scene::Camera;
-use crate::schedule::{Batch, Output, Renderer, SceneId};
+use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
 use crate::shade::arena::Arena;
 use crate::shade::{ArenaUse, LitScene};
 use crate::stream::Ray;
@@ -148,6 +148,10 @@ impl<S: Shader> Renderer for Recursion<S> {
 
     fn warnings(&self) -> Vec<String> {
         self.frame().dropped_warnings()
+    }
+
+    fn see_through(&self) -> Option<&dyn SeeThrough> {
+        self.frame().see_through()
     }
 
     fn shadow(&self, _rays: &[Ray], payloads: &[ShadowState], occluded: &[u32]) {

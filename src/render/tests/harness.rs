@@ -3,7 +3,7 @@
 
 use crate::bvh::Bvh;
 use crate::scene::Scene;
-use crate::schedule::{Batch, Output, Renderer};
+use crate::schedule::{Batch, Output, Renderer, trace_on};
 use crate::stream::{Hit, Ray, RayArray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use std::sync::Arc;
@@ -95,6 +95,9 @@ fn occlude<R: Renderer>(
 ) {
     let mut occluded = vec![0; rays.len()];
     tracer.occluded(rays, &mut occluded);
+    if let Some(surfaces) = renderer.see_through() {
+        trace_on(surfaces, tracer, rays, &mut occluded);
+    }
     renderer.shadow(rays, payloads, &occluded);
     counts.shadow += rays.len() as u64;
     rays.clear();

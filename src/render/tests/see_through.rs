@@ -9,7 +9,7 @@ use crate::render::recursion::Recursion;
 use crate::render::{
     AmbientOcclusion, Integrator, PerRay, RayHit, RayShader, RecursiveWhitted, Settings, WgslShader, Whitted,
 };
-use crate::scene::{Colour, Environment, Material, Scene, Surface};
+use crate::scene::{Colour, Environment, Light, LightShape, Material, Scene, Surface};
 use crate::schedule::Renderer;
 use glam::Vec3;
 use std::sync::Arc;
@@ -34,6 +34,27 @@ const OPEN: &str = "fn hit(at: Hit, p: Payload) -> vec3f {
         return vec3f(visible(Ray(at.position + at.normal * 0.001, at.normal, 1e9)));
     }
     fn miss(direction: vec3f, p: Payload) -> vec3f { return vec3f(0.0); }";
+
+/// White where nothing is hit on the way to the sky behind, by a shadow ray.
+const UNSHADOWED: &str = "fn hit(at: Hit, p: Payload) -> vec3f {
+        shadow(Ray(at.position + at.normal * 0.001, at.normal, 1e9), vec3f(1.0));
+        return vec3f(0.0);
+    }
+    fn miss(direction: vec3f, p: Payload) -> vec3f { return vec3f(0.0); }";
+
+/// Direct light.
+struct Lit;
+
+impl RayShader for Lit {
+    const SHADOW_RAYS: usize = 1;
+
+    fn shade(&self, hit: &mut RayHit<'_>) -> Vec3 {
+        if let Some(surface) = hit.surface() {
+            hit.light(&surface, Vec3::ONE);
+        }
+        Vec3::ZERO
+    }
+}
 
 fn wgsl(text: &str, scene: &Arc<Scene>) -> crate::render::WgslIntegrator {
     let shader = IntegratorShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
@@ -113,22 +134,24 @@ fn gauze_of_no_opacity_leaves_every_bit() {
     assert_eq!(ambient(&covered), ambient(&bare));
 }
 
-/// A floor across the view under a ceiling of gauze.
-fn under(opacity: f32) -> Arc<Scene> {
+/// A floor across the view, under two ceilings of gauze or none.
+fn under(opacity: Option<f32>) -> Scene {
     let mut scene = Scene::default();
     let floor = add_material(&mut scene, Material::fallback());
-    let gauze = coded(&mut scene, Gauze { opacity, albedo: 0.0 });
     across(&mut scene, -1.0, floor);
-    for z in [40.0, 44.0] {
-        add_quad(&mut scene, Vec3::new(-4e3, -4e3, z), Vec3::X * 8e3, Vec3::Y * 8e3, gauze);
+    if let Some(opacity) = opacity {
+        let gauze = coded(&mut scene, Gauze { opacity, albedo: 0.0 });
+        for z in [40.0, 44.0] {
+            add_quad(&mut scene, Vec3::new(-4e3, -4e3, z), Vec3::X * 8e3, Vec3::Y * 8e3, gauze);
+        }
     }
-    Arc::new(scene)
+    scene
 }
 
 #[test]
 fn what_only_asks_passes_in_proportion() {
     for opacity in [0.0, 0.25, 1.0f32] {
-        let (scene, expected) = (under(opacity), (1.0 - opacity).powi(2));
+        let (scene, expected) = (Arc::new(under(Some(opacity))), (1.0 - opacity).powi(2));
         let ambient = AmbientOcclusion::new(scene.clone(), &camera(), SETTINGS, 1e9).expect("valid");
         let open = mean(&pixels(&ambient, 8192));
         assert!((open - expected).abs() < 0.01, "ambient occlusion: {open} under {opacity}");
@@ -137,9 +160,55 @@ fn what_only_asks_passes_in_proportion() {
     }
 }
 
+/// [`under`] gauze, with a light above it.
+fn lit_under(opacity: Option<f32>, shape: LightShape) -> Arc<Scene> {
+    let mut scene = under(opacity);
+    scene.lights.push(Light { name: String::new(), intensity: Vec3::splat(4.0), shape });
+    Arc::new(scene)
+}
+
+#[test]
+fn shadow_rays_pass_in_proportion() {
+    let settings = Settings { spp: 1024, ..SETTINGS };
+    let sun = LightShape::Directional { direction: Vec3::NEG_Z };
+    let lamp = LightShape::Point { position: Vec3::new(0.5, 0.2, 60.0) };
+    for (light, shape) in [("sun", sun), ("lamp", lamp)] {
+        let mean_by = |scene: &Arc<Scene>| {
+            let lights = Whitted::new(scene.clone(), &camera(), settings).expect("valid");
+            let by_ray = PerRay::shading(Lit, scene.clone(), &camera(), settings).expect("valid settings");
+            [mean(&pixels(&lights, 8192)), mean(&pixels(&by_ray, 8192))]
+        };
+        let bare = mean_by(&lit_under(None, shape.clone()));
+        assert!(bare[0] > 0.0 && bare[1] > 0.0, "{light}: {bare:?}");
+        for opacity in [0.0, 0.25, 1.0f32] {
+            let scene = lit_under(Some(opacity), shape.clone());
+            let expected = (1.0 - opacity).powi(2);
+            for (found, bare) in mean_by(&scene).into_iter().zip(bare) {
+                let share = found / bare;
+                assert!((share - expected).abs() < 0.01, "{light}: {share} under {opacity}");
+            }
+            let recursive =
+                Recursion::new(RecursiveWhitted, scene.clone(), &camera(), SETTINGS).expect("valid settings");
+            assert_eq!(pixels(&recursive, 8192), pixels(&whitted(&scene), 8192), "the same to the bit");
+        }
+    }
+    for opacity in [0.0, 0.25, 1.0f32] {
+        let (open, expected) = (
+            mean(&pixels(&wgsl(UNSHADOWED, &Arc::new(under(Some(opacity)))), 8192)),
+            (1.0 - opacity).powi(2),
+        );
+        assert!((open - expected).abs() < 0.01, "a shader's shadow ray: {open} under {opacity}");
+    }
+}
+
 #[test]
 fn every_instruction_set_and_batch_passes_the_same_rays() {
-    let scene = mirrored(Some(0.4));
+    let mut scene = Arc::unwrap_or_clone(mirrored(Some(0.4)));
+    let floor = add_material(&mut scene, Material::fallback());
+    add_quad(&mut scene, Vec3::new(-0.3, -0.3, -2.8), Vec3::X, Vec3::Y, floor);
+    let shape = LightShape::Point { position: Vec3::new(0.1, 0.2, -2.2) };
+    scene.lights.push(Light { name: String::new(), intensity: Vec3::ONE, shape });
+    let scene = Arc::new(scene);
     let settings = Settings { spp: 4, ..SETTINGS };
     let picture = |simd: SimdLevel, batch: usize| {
         let whitted = Whitted::new(scene.clone(), &camera(), settings).expect("valid").with_simd(simd);

@@ -1,0 +1,93 @@
+//! Shadow rays that pass some of the surfaces that they meet.
+//!
+//! Traversal answers only that something is hit. Where a renderer has such surfaces, the occluded rays of a stream are
+//! traced once more for what they hit first, all together; the renderer decides which of them pass, and those go on
+//! from just behind their hits until none is left.
+
+use super::renderer::SeeThrough;
+use crate::stream::{Hit, Ray, Tracer};
+
+/// The most surfaces that a shadow ray passes. The next one is opaque.
+pub const MOST_PASSED: usize = 255;
+
+/// Clears the answer of each occluded ray that passes all that it meets.
+pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
+    let mut left: Vec<usize> = (0..rays.len()).filter(|&i| occluded[i] != 0).collect();
+    let mut on: Vec<Ray> = left.iter().map(|&i| rays[i]).collect();
+    let mut hits = Vec::new();
+    for _ in 0..=MOST_PASSED {
+        if on.is_empty() {
+            return;
+        }
+        hits.clear();
+        hits.resize(on.len(), Hit::NONE);
+        tracer.closest(&on, &mut hits);
+        for (&i, hit) in left.iter().zip(&hits) {
+            if hit.is_miss() {
+                occluded[i] = 0;
+            }
+        }
+        let passing = surfaces.passing(&on, &hits);
+        let places = || passing.iter().map(|&place| place as usize);
+        left = places().map(|place| left[place]).collect();
+        on = places().map(|place| Ray { t_min: hits[place].t.next_up(), ..on[place] }).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Walls at whole numbers on the x axis; those below a number are passed.
+    struct Walls {
+        last: f32,
+        passed_below: f32,
+    }
+
+    impl Tracer for Walls {
+        fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
+            for (ray, hit) in rays.iter().zip(hits) {
+                let t = ray.t_min.max(1.0).ceil();
+                let is_hit = t <= ray.t_max && t <= self.last;
+                *hit = if is_hit { Hit { t, primitive: 0, ..Hit::NONE } } else { Hit::NONE };
+            }
+        }
+
+        fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
+            let mut hits = vec![Hit::NONE; rays.len()];
+            self.closest(rays, &mut hits);
+            occluded.iter_mut().zip(hits).for_each(|(answer, hit)| *answer = u32::from(!hit.is_miss()));
+        }
+    }
+
+    impl SeeThrough for Walls {
+        fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
+            assert_eq!(rays.len(), hits.len());
+            let passes = |i: &u32| !hits[*i as usize].is_miss() && hits[*i as usize].t < self.passed_below;
+            (0..rays.len() as u32).filter(passes).collect()
+        }
+    }
+
+    fn answers(walls: &Walls, ends: &[f32]) -> Vec<u32> {
+        let ray = |&t_max: &f32| Ray { t_max, ..Ray::new([0.0; 3], [1.0, 0.0, 0.0]) };
+        let rays: Vec<Ray> = ends.iter().map(ray).collect();
+        let mut occluded = vec![0; rays.len()];
+        walls.occluded(&rays, &mut occluded);
+        trace_on(walls, walls, &rays, &mut occluded);
+        occluded
+    }
+
+    #[test]
+    fn rays_pass_until_something_stops_them() {
+        let walls = Walls { last: 9.0, passed_below: 5.0 };
+        assert_eq!(answers(&walls, &[0.5, 1.5, 4.5, 5.5, f32::INFINITY, 3.0]), [0, 0, 0, 1, 1, 0]);
+        assert_eq!(answers(&Walls { last: 4.0, ..walls }, &[f32::INFINITY, 0.5]), [0, 0]);
+        assert!(answers(&Walls { last: 4.0, passed_below: 0.0 }, &[]).is_empty());
+    }
+
+    #[test]
+    fn a_ray_passes_only_so_many() {
+        let walls = Walls { last: 1000.0, passed_below: 1001.0 };
+        assert_eq!(answers(&walls, &[MOST_PASSED as f32 + 0.5, MOST_PASSED as f32 + 1.5]), [0, 1]);
+    }
+}
