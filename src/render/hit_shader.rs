@@ -122,8 +122,8 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         self.camera_sample(payload)
     }
 
-    /// True if the shader itself adds what its camera rays hit to the frame's layers, and decides which rays pass
-    /// surfaces of computed opacity. Only shaders of this crate can: they compute the interactions anyway.
+    /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
+    /// they compute the interactions anyway.
     #[doc(hidden)]
     const ADDS_FIRST_HITS: bool = false;
 }
@@ -256,7 +256,7 @@ impl<S: HitShader> Renderer for HitShading<S> {
         let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
         let sample_of =
             |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
-        let met = if S::ADDS_FIRST_HITS { None } else { frame.pass_on(&batch, sample_of, out) };
+        let met = frame.pass_on(&batch, sample_of, out);
         let batch = match &met {
             None => batch,
             Some(met) if met.is_empty() => return,
@@ -279,7 +279,7 @@ impl<S: HitShader> Renderer for HitShading<S> {
     }
 
     fn see_through(&self) -> Option<&dyn SeeThrough> {
-        if S::ADDS_FIRST_HITS { None } else { self.frame.see_through() }
+        self.frame.see_through()
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[S::ShadowPayload], occluded: &[u32]) {

@@ -24,7 +24,6 @@ mod part;
 #[cfg(feature = "formats")]
 mod partial_film;
 mod pass;
-mod passing;
 mod patch;
 mod path_state;
 mod path_tracer;
@@ -71,7 +70,6 @@ pub use pixel_filter::{FilterError, FilterShape, PixelFilter};
 pub use preview::{PassPicture, Preview};
 pub use progressive::{NoiseReport, PASSES_IN_FLIGHT, PassOptions, Progressive};
 pub use ray_by_ray::RayByRay;
-use ray_rows::ends_of;
 pub use ray_rows::{NewRays, hits_of, rays_of};
 pub use ray_shader::{LIGHT_DIMENSION, PerRay, RayHit, RayShader, RayState, SurfaceHit, WaitingRay};
 pub use recursive_whitted::RecursiveWhitted;

@@ -36,8 +36,7 @@ pub struct PathState {
     /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: whether the path has one
     /// channel, and the quantised shading normal of the surface that the ray leaves.
     pub(super) depth: u32,
-    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it; a
-    /// little less if the ray has passed surfaces since. Rays that follow light have the negative of these two.
+    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it.
     pub(super) pdf: f32,
 }
 
@@ -75,8 +74,7 @@ impl PathState {
         self.depth & DEPTH
     }
 
-    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it, below
-    /// 0 if it follows the light of a punctual light through surfaces of computed opacity.
+    /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
     pub fn pdf(&self) -> f32 {
         self.pdf
     }
@@ -101,7 +99,6 @@ pub(super) struct States<L: Lanes> {
     /// [`ONE_CHANNEL`] or 0.
     pub one_channel: Int<L>,
     pub facing: Int<L>,
-    /// Below 0 for rays that follow light: see [`super::passing`].
     pub pdf: Num<L>,
 }
 

@@ -3,10 +3,9 @@
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
 use super::media::Walking;
-use super::passing::{Following, Passing, are_of_light, have_passed};
 use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
 use super::settings::{Settings, SettingsError};
-use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, ends_of, hits_of, rays_of};
+use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
 use crate::scene::{BlockFinishes, Camera, Medium};
@@ -14,9 +13,7 @@ use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
-use crate::shade::{
-    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort,
-};
+use crate::shade::{Bsdf, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
@@ -193,8 +190,6 @@ struct Shading<'a, 'o> {
     frame: &'a Frame,
     batch: Batch<'a, PathState>,
     out: &'a mut Output<'o, PathState, Contribution>,
-    /// True if some rays follow light.
-    follows_light: bool,
 }
 
 impl LaneTask for Shading<'_, '_> {
@@ -242,12 +237,7 @@ impl Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn miss<L: Lanes>(&self, ids: Int<L>, lanes: Mask<L>) {
         let frame = self.frame;
-        let (state, mut lanes) = (States::of(self.batch.payloads, ids), lanes);
-        if self.follows_light {
-            let light = self.shader.clamped(state.throughput, state.depth);
-            frame.splat_lanes(None, lanes & have_passed(&state), state.target(frame), light);
-            lanes &= !are_of_light(&state);
-        }
+        let state = States::of(self.batch.payloads, ids);
         let mut direction = Vector::zero(ids.lanes());
         if !frame.lights().environment().is_even() {
             direction = rays_of(&self.batch, ids).1;
@@ -297,7 +287,6 @@ impl Shading<'_, '_> {
                 state.throughput = state.throughput * medium::passed(medium, &at, t);
             }
         }
-        let lanes = self.pass(number, &at, (&state, cone), ids, lanes);
         frame.add_first_hits_on(number, &at, state.pixel, lanes & state.depth.is(0));
         let (mut shines, mut light) = (Mask::splat(t.lanes(), false), Vector::zero(t.lanes()));
         if let Some(emission) = &material.emission {
@@ -320,7 +309,7 @@ impl Shading<'_, '_> {
             let light = self.shader.clamped(light, state.depth);
             frame.splat_lanes(Some(number), shines, state.target(frame), light);
         }
-        let mut lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
+        let lanes = lanes & state.depth.below(frame.settings().max_bounces + 1);
         if lanes.none() {
             return;
         }
@@ -335,7 +324,7 @@ impl Shading<'_, '_> {
         state.seeks = self.meet(&place, &state, lanes);
         state.cone = cone;
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
-            (lanes, state.throughput) = self.sample_light(&place, &receiver, &state, &sampler, lanes);
+            self.sample_light(&place, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
@@ -352,7 +341,7 @@ impl Shading<'_, '_> {
         state: &mut States<L>,
         lanes: Mask<L>,
     ) -> Mask<L> {
-        let inside = lanes & !at.outside & !are_of_light(state);
+        let inside = lanes & !at.outside;
         if inside.none() {
             return lanes;
         }
@@ -369,36 +358,6 @@ impl Shading<'_, '_> {
         lanes & !scattered
     }
 
-    /// Lets rays pass a surface of computed opacity; rays that follow light end where they do not. Returns the lanes
-    /// whose rays meet the surface. `cone` are the cones at the hits.
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn pass<L: Lanes>(
-        &mut self,
-        number: u32,
-        at: &Interaction<L>,
-        (state, cone): (&States<L>, Cone<L>),
-        ids: Int<L>,
-        mut lanes: Mask<L>,
-    ) -> Mask<L> {
-        let scene = self.frame.scene();
-        if let Some(opacity) = at.opacity(scene, &scene.materials[number as usize]) {
-            let direction = -at.wo;
-            let mut rays = NewRays::new(at.origin(at.position, direction), direction);
-            if self.follows_light {
-                let left = ends_of(&self.batch, ids) - hits_of(&self.batch, ids).t;
-                rays.t_max = Num::select(are_of_light(state), left, rays.t_max);
-            }
-            let (sampler, state) = (self.sampler(state), States { cone, ..*state });
-            let primitive = at.texture.primitive;
-            let passing = Passing { out: self.out, sampler, rays, primitive, opacity, state, lanes };
-            lanes &= !at.wo.lanes().outlined(passing);
-        }
-        if self.follows_light {
-            lanes &= !are_of_light(state);
-        }
-        lanes
-    }
-
     /// Adds what paths see to the features that guide a denoiser, if it is not seen in a mirror or through glass.
     /// Returns [`SEEKS`] for the paths that have met none yet.
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -412,7 +371,7 @@ impl Shading<'_, '_> {
         Int::select(met, Int::splat(l, 0), state.seeks)
     }
 
-    /// Sends a shadow ray to a light. Returns the lanes whose paths go on by the BSDF, and their throughputs.
+    /// Sends a shadow ray to a light.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sample_light<L: Lanes>(
         &mut self,
@@ -420,8 +379,8 @@ impl Shading<'_, '_> {
         receiver: &Receiver<L>,
         state: &States<L>,
         sampler: &Sampler<L>,
-        all: Mask<L>,
-    ) -> (Mask<L>, Vector<L>) {
+        lanes: Mask<L>,
+    ) {
         let Place { number, at, bsdf, .. } = *place;
         let frame = self.frame;
         let light = light_sample(frame, receiver, sampler, state.depth);
@@ -431,9 +390,9 @@ impl Shading<'_, '_> {
             // Light from below counts too, if both normals agree that it is below.
             reached = !(reached ^ wi.z.above(0.0));
         }
-        let lanes = all & light.valid & reached;
+        let lanes = lanes & light.valid & reached;
         if lanes.none() {
-            return (all, state.throughput);
+            return;
         }
         let (value, pdf) = bsdf.evaluate(at.basis.local(at.wo), wi);
         let (value, _) = place.dispersed(value, wi.z.below(0.0), state);
@@ -447,13 +406,6 @@ impl Shading<'_, '_> {
         let lanes = lanes & !value.is_zero();
         let rays = NewRays { origin, direction, t_max };
         frame.send_contributions(self.out, Some(number), lanes, &rays, radiance, state.target(frame));
-        if !self.follows_light {
-            return (all, state.throughput);
-        }
-        let (out, sampler, state) = (&mut *self.out, *sampler, *state);
-        let following = Following { out, sampler, rays, radiance, state, lanes: lanes & light.delta };
-        let (follows, throughput) = all.lanes().outlined(following);
-        (all & !follows, throughput)
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -570,8 +522,7 @@ impl HitShader for PathShader {
         batch: Batch<'_, PathState>,
         out: &mut Output<'_, PathState, Contribution>,
     ) {
-        let follows_light = frame.lights().shine_through();
-        frame.simd().run(Shading { shader: self, frame, batch, out, follows_light });
+        frame.simd().run(Shading { shader: self, frame, batch, out });
     }
 
     #[inline]
@@ -583,6 +534,11 @@ impl HitShader for PathShader {
     fn camera_sample(&self, state: &PathState) -> Option<CameraSample> {
         let (pixel, sample) = (state.pixel(), state.sample);
         (state.depth() == 0).then_some(CameraSample { pixel, sample })
+    }
+
+    #[inline]
+    fn sample_of(&self, state: &PathState) -> Option<CameraSample> {
+        Some(CameraSample { pixel: state.pixel(), sample: state.sample })
     }
 
     const ADDS_FIRST_HITS: bool = true;

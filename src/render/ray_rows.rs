@@ -12,13 +12,6 @@ pub fn rays_of<P, L: Lanes>(batch: &Batch<'_, P>, ids: Int<L>) -> (Vector<L>, Ve
     (Vector::new(a, b, c), Vector::new(x, y, z))
 }
 
-/// Ends of some rays of a batch, one in each lane.
-#[inline(always)]
-pub fn ends_of<P, L: Lanes>(batch: &Batch<'_, P>, ids: Int<L>) -> Num<L> {
-    let [.., end] = ids.rows_of::<8>(bytemuck::cast_slice(batch.rays));
-    end
-}
-
 /// Hits of some rays of a batch, one in each lane.
 #[inline(always)]
 pub fn hits_of<P, L: Lanes>(batch: &Batch<'_, P>, ids: Int<L>) -> Hits<L> {

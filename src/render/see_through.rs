@@ -1,4 +1,4 @@
-//! Rays that pass surfaces of computed opacity, for all integrators that do not decide it themselves.
+//! Rays that pass surfaces of computed opacity, in all integrators.
 //!
 //! Before a shader sees a batch, the hits on such surfaces are shaded for their opacity alone. A ray that passes is
 //! emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones, depths and
@@ -9,11 +9,11 @@
 
 use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, hits_of, rays_of};
-use crate::geom::{Sampler, mix};
-use crate::lanes::{Int, LaneTask, Lanes};
+use crate::geom::{Sampler, mix, mix_lanes};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num};
 use crate::scene::{Scene, Surface};
 use crate::schedule::{Batch, Output, SeeThrough};
-use crate::shade::{Cone, Interaction, pass_through, sort};
+use crate::shade::{Cone, Interaction, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
 
@@ -75,6 +75,18 @@ fn hash(ray: &Ray) -> u32 {
     words.fold(0, |hash, word| mix(hash ^ word))
 }
 
+/// The first sampler dimension of passing. The dimensions below belong to integrators.
+const FIRST_DIMENSION: u32 = 1 << 31;
+
+/// Lanes whose rays pass surfaces of this opacity. `number` distinguishes the rays of a sample.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, number: Int<L>, primitive: Int<L>) -> Mask<L> {
+    // A ray passes a triangle once, so triangle and ray name the decision. The samples of a pixel that see the same
+    // triangle share a dimension, and their numbers are stratified.
+    let dimension = mix_lanes(primitive ^ mix_lanes(number)) | FIRST_DIMENSION;
+    !sampler.one(dimension).lt(opacity)
+}
+
 /// True if a material computes opacity.
 fn computes_opacity(scene: &Scene, material: u32) -> bool {
     match scene.materials[material as usize].surface {
@@ -114,7 +126,7 @@ impl LaneTask for Decide<'_> {
                 let at = &Interaction::new(scene, material, rays_of(&batch, ids).1, &hits, width);
                 let Some(opacity) = at.opacity(scene, material) else { continue };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);
-                let passes = pass_through::passes(opacity, &sampler, number, at.texture.primitive);
+                let passes = passes(opacity, &sampler, number, at.texture.primitive);
                 // Rays through the centres of pixels find what is there.
                 let lanes = lanes & passes & !sample.is(CameraSample::CENTRE);
                 let mut some = L::array(0);
@@ -123,5 +135,22 @@ impl LaneTask for Decide<'_> {
             }
         }
         passed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_pass_as_often_as_the_opacity_says() {
+        for opacity in [0.0, 0.25, 0.8, 1.0] {
+            let passes = (0..4096u32).filter(|&i| {
+                let sampler = Sampler::new(i / 64, i % 64, 0);
+                passes(Num::from(opacity), &sampler, 0.into(), (i % 3).into()).get()
+            });
+            let share = passes.count() as f32 / 4096.0;
+            assert!((share - (1.0 - opacity)).abs() < 0.02, "{share} for {opacity}");
+        }
     }
 }

@@ -17,7 +17,6 @@ pub mod medium;
 mod mix;
 mod normals;
 pub mod offset;
-pub mod pass_through;
 pub mod single;
 mod sort;
 #[cfg(test)]

@@ -235,14 +235,6 @@ fn punctual_lights_shine_through_gauze_in_proportion() {
         assert_near(found, expected * (1.0 - opacity).powi(2), 0.04, "with bounces");
     }
     assert!(mean(&covered(1.0), settings).max_element() < 1e-6);
-    // Paths that follow light leave out what others see, which counts for more.
-    let settings = Settings { max_bounces: 3, ..settings };
-    let mut beside = bare.clone();
-    let away = coded(&mut beside, Gauze { opacity: 0.5, albedo: 0.0 });
-    add_quad(&mut beside, Vec3::new(0.0, 0.0, -3.5), Vec3::X * 0.5, Vec3::Y * 0.5, away);
-    let [alone, split] = [mean(&bare, settings), mean(&beside, settings)];
-    assert_ne!(alone, split);
-    assert_near(split, alone, 0.02, "beside a surface that is out of the way");
 }
 
 #[test]
@@ -255,9 +247,9 @@ fn indirect_light_through_gauze_is_clamped() {
     let gauze = coded(&mut scene, Gauze { opacity: 0.0, albedo: 0.0 });
     add_quad(&mut scene, Vec3::new(-30.0, 3.5, 30.0), Vec3::X * 60.0, Vec3::Z * -60.0, gauze);
     let scene = Arc::new(scene);
-    // All light follows, so a pixel of one sample has one contribution. The upper half shows the wall.
+    // A pixel of one sample has one contribution. The upper half shows the wall.
     let brightest = |shader: PathShader| {
-        let settings = Settings::new(64, 64).with_spp(1).with_max_bounces(3);
+        let settings = Settings::new(64, 64).with_spp(1).with_max_bounces(1);
         let path = PathTracer::of(shader, scene.clone(), &camera(), settings).expect("valid");
         render(&path, 8192, &harness::tracer(&scene));
         path.film().resolve()[..64 * 32].iter().flatten().fold(0.0, |most: f32, &channel| most.max(channel))

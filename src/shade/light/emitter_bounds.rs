@@ -15,8 +15,8 @@ const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
 /// Least component of a direction, so that reciprocals stay finite.
 const LEAST: f32 = 1e-20;
 
-/// A few boxes around all emissive surfaces, and around all surfaces that compute opacity. A ray that will not be
-/// continued at its hit, and that misses all boxes, need not be traced.
+/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all boxes, need
+/// not be traced.
 #[derive(Clone, Debug, Default)]
 pub struct EmitterBounds {
     boxes: Vec<Aabb>,
@@ -58,14 +58,11 @@ impl EmitterBounds {
     }
 }
 
-/// For each material, true if rays that will not be continued must reach it: it emits light, or lets such rays pass.
+/// For each material, true if rays that will not be continued must reach it: it emits light.
 fn sought(scene: &Scene) -> Vec<bool> {
     let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
     let acts = |surface: &Surface| match surface {
-        Surface::Procedural(index) => {
-            let effects = scene.procedurals[*index as usize].effects();
-            effects.emits() || effects.has_opacity
-        }
+        Surface::Procedural(index) => scene.procedurals[*index as usize].effects().emits(),
         _ => false,
     };
     let own = |m: &Material| m.emission.as_ref().is_some_and(emits) || acts(&m.surface);

@@ -73,7 +73,7 @@ impl Lights {
         } else {
             Arc::new(Punctual::new(&new.lights, self.bounds.radius()))
         };
-        self.sampled_alike(Self::of_parts(new, self.bounds, emitters, punctual, environment, emitter_bounds))
+        self.sampled_alike(Self::of_parts(self.bounds, emitters, punctual, environment, emitter_bounds))
     }
 
     /// Other lights, without a uniform sky if these are.

@@ -26,7 +26,7 @@ pub use tree::LightTree;
 use super::Interaction;
 use crate::geom::Aabb;
 use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::{Scene, Surface};
+use crate::scene::Scene;
 use std::sync::Arc;
 
 /// Up to this many lights, sampling by power alone is good enough. With the eight emissive triangles of a
@@ -55,8 +55,6 @@ pub struct Lights {
     powers: [f64; 3],
     /// Probabilities of choosing these kinds.
     probabilities: [f32; 3],
-    /// True if there are punctual lights and surfaces of computed opacity.
-    shine_through: bool,
     /// True if [`Lights::without_uniform_sky`] was called.
     skips_uniform_sky: bool,
 }
@@ -92,11 +90,10 @@ impl Lights {
         let emitters = Arc::new(Emitters::new(scene));
         let punctual = Arc::new(Punctual::new(&scene.lights, bounds.radius()));
         let emitter_bounds = Arc::new(EmitterBounds::new(scene, &bounds));
-        Self::of_parts(scene, bounds, emitters, punctual, environment, emitter_bounds)
+        Self::of_parts(bounds, emitters, punctual, environment, emitter_bounds)
     }
 
     fn of_parts(
-        scene: &Scene,
         bounds: Aabb,
         emitters: Arc<Emitters>,
         punctual: Arc<Punctual>,
@@ -108,12 +105,6 @@ impl Lights {
         let sky = f64::from(environment.mean()) * disk * 4.0 * std::f64::consts::PI;
         let powers = [emitters.power(), sky, punctual.power()];
         let probabilities = probabilities(powers);
-        let is_passed = |surface: &Surface| match surface {
-            Surface::Procedural(index) => scene.procedurals[*index as usize].effects().has_opacity,
-            _ => false,
-        };
-        let shine_through =
-            !punctual.is_empty() && scene.materials.iter().any(|material| is_passed(&material.surface));
         let skips_uniform_sky = false;
         Self {
             bounds,
@@ -123,7 +114,6 @@ impl Lights {
             emitter_bounds,
             powers,
             probabilities,
-            shine_through,
             skips_uniform_sky,
         }
     }
@@ -142,12 +132,6 @@ impl Lights {
     #[inline]
     pub fn are_sampled(&self) -> bool {
         self.powers.iter().any(|&power| power > 0.0)
-    }
-
-    /// True if punctual lights shine through surfaces of computed opacity.
-    #[inline]
-    pub fn shine_through(&self) -> bool {
-        self.shine_through
     }
 
     /// The punctual lights.
