@@ -23,8 +23,7 @@ use std::sync::Arc;
 /// - *Emission* is found by rays that hit the surface, not by light sampling. It suits large and dim surfaces. A small
 ///   bright lamp of constant radiance has less noise as [`super::Emission`].
 /// - *Opacity* acts at the hit: a random number decides whether the ray continues as if nothing had been hit. Passing
-///   is no bounce. Shadow rays cannot ask and take the surface as opaque; light from behind it is found by the rays
-///   that pass, that of punctual lights by paths that follow it.
+///   is no bounce. Shadow rays pass by the same choice.
 ///
 /// [`super::Scene::fingerprint`] hashes the surface's `Debug` text. The text must contain each parameter that changes
 /// the picture, as derived implementations do.

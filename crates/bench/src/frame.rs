@@ -2,18 +2,20 @@
 //! each add one thing to the one before, in one process, in interleaved rounds.
 
 use super::Spread;
-use super::modelled_device::{Model, ModelledDevice};
+use super::modelled_device::{BusyCores, Model, ModelledDevice};
 use raystream::engine::PreparedScene;
 use raystream::film::Image;
 use raystream::lanes::SimdLevel;
 use raystream::meters::Meters;
-use raystream::render::{PathTracer, RayByRay, Settings, SettingsError, render_single_rays};
+use raystream::render::{Integrator, PathTracer, RayByRay, Settings, SettingsError, render_single_rays};
 use raystream::scene::Camera;
 use raystream::schedule::{
     JobError, JobOptions, JobReport, LimitsError, Policy, RayCounts, Renderer, Service, ServiceError,
     ServiceOptions, TaskKind, Tracers, Unit,
 };
+use raystream::stream::Ray;
 use serde::Serialize;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -188,7 +190,8 @@ impl Bench<'_> {
     }
 
     /// Measures the policies beside a modelled device, whose rays as many threads trace as this machine has cores
-    /// besides the service's. Tells the bound too, in seconds: no schedule is faster.
+    /// besides the service's. Tells the bound too, in seconds: no schedule is faster. It takes the hosts' costs of a
+    /// frame on the CPU while those cores are as busy, since cores share caches, and often more.
     ///
     /// # Errors
     /// When a frame cannot be rendered.
@@ -202,15 +205,28 @@ impl Bench<'_> {
         prepared.adapter = Some(model.to_string());
         let service = Service::new(ServiceOptions::default().with_host_threads(self.service.host_threads()))?;
         let bench = Bench { prepared: &prepared, service: &service, ..*self };
-        let report = bench.policies()?;
-        let path = bench.path(Shading::Lanes)?;
-        let cpu = Tracers::cpu(prepared.tracers.host.clone());
-        let alone = bench.frame("cpu", &path, path.clone(), cpu, JobOptions::default())?;
-        let [trace_ns, shade_ns] = alone.costs_ns.unwrap_or_default();
-        let (rays, hosts) = (report.rays.total() as f64, self.service.host_threads() as f64);
+        let (costs, rays) = (RefCell::new(Vec::new()), camera_rays(&*bench.path(Shading::Lanes)?));
+        let mut contenders = bench.policies_and_units();
+        contenders.push(Contender {
+            name: "cpu, device busy",
+            unit: "cpu".to_owned(),
+            frame: Box::new(|| {
+                let path = bench.path(Shading::Lanes)?;
+                let cpu = Tracers::cpu(prepared.tracers.host.clone());
+                let _busy = BusyCores::start(model, cpu.host.clone(), rays.clone(), threads);
+                let frame = bench.frame("cpu", &path, path.clone(), cpu, JobOptions::default())?;
+                costs.borrow_mut().extend(frame.costs_ns);
+                Ok(frame)
+            }),
+        });
+        let report = bench.measure(contenders)?;
+        let [trace_ns, shade_ns] = [0, 1].map(|cost| {
+            Spread::of_times(costs.borrow().iter().map(|costs: &[f64; 2]| costs[cost]).collect()).median
+        });
+        let (count, hosts) = (report.rays.total() as f64, self.service.host_threads() as f64);
         let seconds = |share: f64| {
             let host_ns = (1.0 - share) * trace_ns + shade_ns;
-            (share * model.ray_ns()).max(host_ns / hosts) * rays * 1e-9
+            (share * model.ray_ns()).max(host_ns / hosts) * count * 1e-9
         };
         let bound = (0..=1000).map(|share| seconds(f64::from(share) / 1000.0)).fold(f64::INFINITY, f64::min);
         Ok((report, bound))
@@ -221,6 +237,11 @@ impl Bench<'_> {
     /// # Errors
     /// When a frame cannot be rendered.
     pub fn policies(&self) -> Result<Report, FrameError> {
+        self.measure(self.policies_and_units())
+    }
+
+    /// With a GPU all policies and each unit alone, else the policies that differ without one.
+    fn policies_and_units(&self) -> Vec<Contender<'_>> {
         let mut plans = Vec::new();
         if self.prepared.tracers.device.is_some() {
             plans.extend(Policy::ALL.map(|policy| (policy.name(), Unit::Hybrid, policy)));
@@ -238,7 +259,7 @@ impl Bench<'_> {
                 self.frame(name, &path, path.clone(), tracers, options)
             }),
         });
-        self.measure(contenders.collect())
+        contenders.collect()
     }
 
     fn unit_name(&self, device: bool) -> String {
@@ -369,6 +390,15 @@ impl Bench<'_> {
         }
         Ok(Report { rays, rows, differing })
     }
+}
+
+/// The camera rays of a frame's first tiles.
+fn camera_rays(path: &PathTracer) -> Vec<Ray> {
+    let mut all = Vec::new();
+    for tile in (0..path.frame().tiles()).take_while(|&tile| tile < 64) {
+        path.frame().camera_rays(tile, |rays, _, _| all.extend_from_slice(rays));
+    }
+    all
 }
 
 /// A way of rendering the frame, and the function that renders it once.

@@ -7,8 +7,10 @@ use raystream::stream::{
 };
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A description of the device.
@@ -147,6 +149,46 @@ impl DeviceTracer for ModelledDevice {
         let sent = self.work.lock().unwrap_or_else(PoisonError::into_inner).send(work);
         sent.map_err(|_| DeviceError::Lost("its thread is gone".into()))?;
         Ok(Box::new(Bundle { streams, state }))
+    }
+}
+
+/// Threads that trace rays over and over at the rate of a model, until this is dropped: a device's cores are as busy, and
+/// take as much of what cores share.
+#[derive(Debug)]
+pub struct BusyCores {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl BusyCores {
+    /// `threads` threads that trace these rays.
+    pub fn start(model: Model, tracer: Arc<dyn Tracer>, rays: Vec<Ray>, threads: usize) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let run = move || {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let (mut hits, mut due) = (vec![Hit::NONE; rays.len()], Instant::now());
+            while !stopped.load(Ordering::Relaxed) {
+                for (rays, hits) in rays.chunks(PIECE * threads).zip(hits.chunks_mut(PIECE * threads)) {
+                    let pieces = rays.par_chunks(PIECE).zip(hits.par_chunks_mut(PIECE));
+                    pool.install(|| pieces.for_each(|(rays, hits)| tracer.closest(rays, hits)));
+                    due += Duration::from_secs_f64(rays.len() as f64 / (model.mray_per_s * 1e6));
+                    std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("busy cores".into()).spawn(run).expect("a thread");
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for BusyCores {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // What it traced means nothing.
+            let _ = thread.join();
+        }
     }
 }
 
