@@ -115,7 +115,7 @@ impl Wait {
 }
 
 impl Work for Wait {
-    fn work(&self, _: usize, _: &mut ChunkScratch) {
+    fn work(&self, _: usize, _: &mut ChunkScratch) -> Option<u64> {
         let WaitSlot::Wait(bundle, timeout) = self.swap(WaitSlot::Empty) else {
             unreachable!("a thread works after it was given a task")
         };
@@ -123,7 +123,7 @@ impl Work for Wait {
         let answers = match catching(|| ticket.wait(timeout).map_err(|error| error.to_string())) {
             Ok(None) => {
                 self.swap(WaitSlot::Waited(Submitted { ticket, streams }));
-                return;
+                return None;
             }
             Ok(Some(answers)) if answers.len() == streams => Ok(answers),
             Ok(Some(_)) => Err("it did not answer for each stream".to_owned()),
@@ -132,6 +132,7 @@ impl Work for Wait {
         // What the device has of the streams goes before they come back.
         drop_quietly(ticket);
         self.swap(WaitSlot::Over(answers));
+        None
     }
 
     fn warnings(&self) -> Vec<String> {

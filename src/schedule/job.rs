@@ -14,6 +14,15 @@ use crate::stream::{DeviceReport, Empty, RayStream, Resolve, Untraced, drop_quie
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+/// When a task ran, in nanoseconds since the start of the service.
+#[derive(Clone, Copy)]
+pub(super) struct TaskTimes {
+    pub start_ns: u64,
+    pub end_ns: u64,
+    /// CPU time of the thread, where it counts.
+    pub cpu_ns: Option<u64>,
+}
+
 /// A job of any payload types, as the holder of the lock sees it. Every `start` is followed by one `finish` of the
 /// same thread.
 pub(super) trait Job: Send {
@@ -24,7 +33,7 @@ pub(super) trait Job: Send {
     fn start(&mut self, thread: usize, rule: Rule, size: TaskSize) -> u64;
     /// Takes the finished task out of the thread's slot and returns its streams to the lists. Times count from the
     /// start of the service. The bundle that the task has submitted has the number `next`.
-    fn finish(&mut self, thread: usize, next: BundleId, times: (u64, u64)) -> Option<Submitted>;
+    fn finish(&mut self, thread: usize, next: BundleId, times: TaskTimes) -> Option<Submitted>;
     /// The device thread has waited for a bundle of the job.
     fn count_wait(&mut self, thread: usize, ns: u64);
     /// A device has traced a bundle of the job, or failed to. Returns answers that are to be dropped without the lock.
@@ -445,7 +454,8 @@ impl<R: Renderer> Job for TypedJob<R> {
         account.rays.max(account.paths as u64)
     }
 
-    fn finish(&mut self, thread: usize, next: BundleId, (start_ns, end_ns): (u64, u64)) -> Option<Submitted> {
+    fn finish(&mut self, thread: usize, next: BundleId, times: TaskTimes) -> Option<Submitted> {
+        let TaskTimes { start_ns, end_ns, cpu_ns } = times;
         let account = self.accounts[thread].take().expect("a thread finishes what it has started");
         let done = match self.shared.swap_slot(thread, TaskSlot::Empty) {
             TaskSlot::Done(done) => done,
@@ -456,6 +466,7 @@ impl<R: Renderer> Job for TypedJob<R> {
             self.join_device();
         }
         let ns = end_ns - start_ns;
+        let device_ns = cpu_ns.unwrap_or(ns);
         self.busy_ns[thread] += ns;
         let (mut submitted, mut rays) = (None, account.rays);
         match done {
@@ -472,10 +483,10 @@ impl<R: Renderer> Job for TypedJob<R> {
         match account.rule {
             Rule::Trace | Rule::Flush => self.trace_ns += ns,
             Rule::Shade => self.shading += Pace { rays, ns },
-            Rule::Resolve => self.device.resolving += Pace { rays, ns },
+            Rule::Resolve => self.device.resolving += Pace { rays, ns: device_ns },
             Rule::Submit => {
                 self.device.submitted += 1;
-                self.device.submitting_ns += ns;
+                self.device.submitting_ns += device_ns;
             }
             Rule::Spawn | Rule::Reclaim => {}
         }

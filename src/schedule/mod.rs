@@ -33,6 +33,7 @@ mod see_through;
 mod service;
 mod state;
 mod task;
+mod thread_time;
 mod workers;
 
 #[cfg(test)]

@@ -110,11 +110,11 @@ pub struct UnitReport {
     pub masked: u64,
     /// Rays that the CPU traced again to check the device.
     pub checked: u64,
-    /// Seconds in which the device thread submitted bundles.
+    /// CPU seconds in which the device thread submitted bundles; on systems other than Linux those of the clock.
     pub sending_s: f64,
     /// Seconds from the submission of bundles until they were traced, added up over bundles.
     pub waiting_s: f64,
-    /// Seconds in which host threads made answers of what the device had written.
+    /// CPU seconds in which host threads made answers of what the device had written, counted likewise.
     pub resolving_s: f64,
 }
 

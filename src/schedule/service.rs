@@ -399,10 +399,10 @@ impl Inner {
 
     /// Does a seat's task; tells whether that has woken another seat.
     fn do_work(&self, workers: &Workers, seat: usize, work: Arc<dyn Work>) -> Option<bool> {
-        work.work(seat, &mut workers.scratch(seat));
+        let cpu_ns = work.work(seat, &mut workers.scratch(seat));
         drop(work);
         let mut state = self.state.lock().ok()?;
-        state.finish(seat, self.now_ns());
+        state.finish(seat, self.now_ns(), cpu_ns);
         state.pause(self.now_ns());
         let effects = state.take_effects();
         drop(state);
@@ -422,10 +422,10 @@ impl Inner {
             self.apply(effects);
             match next {
                 Next::Work(work) => {
-                    work.work(thread, &mut scratch);
+                    let cpu_ns = work.work(thread, &mut scratch);
                     drop(work);
                     state = self.state.lock().ok()?;
-                    state.finish(thread, self.now_ns());
+                    state.finish(thread, self.now_ns(), cpu_ns);
                 }
                 Next::Sleep => {
                     let state_now = self.state.lock().ok()?;

@@ -3,7 +3,7 @@
 
 use super::flights::Flights;
 use super::head_start::HeadStarts;
-use super::job::Job;
+use super::job::{Job, TaskTimes};
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
 use super::{Choice, JobError, Load, Priority, Rule, ServiceOptions, Sharing, TaskSize, Turn, policy};
@@ -354,8 +354,9 @@ impl State {
         (id, work)
     }
 
-    /// A thread has done its task; it calls [`State::next`] before it releases the lock.
-    pub fn finish(&mut self, thread: usize, now_ns: u64) {
+    /// A thread has done its task; it calls [`State::next`] before it releases the lock. `cpu_ns` is what
+    /// [`Work::work`] returned.
+    pub fn finish(&mut self, thread: usize, now_ns: u64, cpu_ns: Option<u64>) {
         let task = self.threads[thread].task.take().expect("a thread finishes what it has started");
         if task.kind == RunningKind::Wait {
             self.finish_wait(thread, (task.start_ns, now_ns));
@@ -363,7 +364,8 @@ impl State {
         }
         let index = self.index(task.job).expect("a job stays until its tasks are done");
         let job = &mut self.jobs[index].submission.job;
-        if let Some(bundle) = job.finish(thread, self.flights.next_id(), (task.start_ns, now_ns)) {
+        let times = TaskTimes { start_ns: task.start_ns, end_ns: now_ns, cpu_ns };
+        if let Some(bundle) = job.finish(thread, self.flights.next_id(), times) {
             self.flights.push(task.job, bundle);
         }
         self.after_change(index, now_ns);

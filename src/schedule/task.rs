@@ -1,6 +1,7 @@
 //! What a thread does between two visits to the lists, without the lock.
 
 use super::result::JobError;
+use super::thread_time::thread_ns;
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit, trace_on};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
@@ -97,20 +98,22 @@ pub(super) struct SharedJob<R: Renderer> {
 
 /// A job of any type, as threads see it.
 pub(super) trait Work: Send + Sync {
-    /// Does the task in the thread's slot.
-    fn work(&self, thread: usize, scratch: &mut ChunkScratch);
+    /// Does the task in the thread's slot. Returns its CPU time in nanoseconds, if it is what a device costs the host.
+    fn work(&self, thread: usize, scratch: &mut ChunkScratch) -> Option<u64>;
 
     /// [`Renderer::warnings`]; none if it panics.
     fn warnings(&self) -> Vec<String>;
 }
 
 impl<R: Renderer> Work for SharedJob<R> {
-    fn work(&self, thread: usize, scratch: &mut ChunkScratch) {
+    fn work(&self, thread: usize, scratch: &mut ChunkScratch) -> Option<u64> {
         let task = match self.swap_slot(thread, TaskSlot::Empty) {
             TaskSlot::Task(task) => task,
             TaskSlot::Empty | TaskSlot::Done(_) => unreachable!("a thread works after it was given a task"),
         };
         self.look_for_device();
+        let is_of_device = matches!(task, Task::Resolve(_) | Task::Submit(_));
+        let begin_ns = if is_of_device { thread_ns() } else { None };
         let done = catch_unwind(AssertUnwindSafe(|| match task {
             Task::Spawn { tile, output } => self.spawn(tile, output),
             Task::Shade { input, output, threshold, most_rays } => {
@@ -126,6 +129,7 @@ impl<R: Renderer> Work for SharedJob<R> {
         }));
         let done = done.unwrap_or_else(|thrown| Done::Failed(JobError::of(thrown, None)));
         self.swap_slot(thread, TaskSlot::Done(done));
+        begin_ns.and_then(|begin_ns| Some(thread_ns()? - begin_ns))
     }
 
     fn warnings(&self) -> Vec<String> {

@@ -85,7 +85,7 @@ impl Threads {
     fn step(&mut self, thread: usize) -> Option<usize> {
         if let Some(work) = self.work[thread].take() {
             work.work(thread, &mut ChunkScratch::default());
-            self.state.finish(thread, 0);
+            self.state.finish(thread, 0, None);
         }
         self.work[thread] = match self.state.next(thread, 0) {
             Next::Work(work) => Some(work),

@@ -49,7 +49,7 @@ impl OneThread {
             }
             let Next::Work(work) = self.state.next(0, 0) else { panic!("there is work") };
             work.work(0, &mut self.scratch);
-            self.state.finish(0, 0);
+            self.state.finish(0, 0, None);
             for ended in self.state.take_effects().ended {
                 ended.submission.job.retire(&self.pool);
             }

@@ -240,7 +240,7 @@ impl Simulation {
             Status::Working { work, .. } => {
                 work.work(thread, &mut self.scratch);
                 drop(work);
-                self.state.finish(thread, self.now_ns);
+                self.state.finish(thread, self.now_ns, None);
                 self.tasks += 1;
                 if is_seat {
                     self.state.pause(self.now_ns);

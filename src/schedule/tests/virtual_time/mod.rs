@@ -155,7 +155,7 @@ impl Simulation {
     fn step(&mut self, thread: usize) {
         let now_ns = self.clock.now_ns();
         if self.threads[thread].take().is_some() {
-            self.state.finish(thread, now_ns);
+            self.state.finish(thread, now_ns, None);
         }
         self.queue.state().now = self.clock.now();
         if let Next::Work(work) = self.state.next(thread, now_ns) {
