@@ -9,19 +9,11 @@ use super::policy::{Pace, PathLengths};
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use super::task::{Done, SharedJob, Task, TaskSlot};
+use super::task_times::TaskTimes;
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
 use crate::stream::{DeviceReport, Empty, RayStream, Resolve, Untraced, drop_quietly, paths};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-
-/// When a task ran, in nanoseconds since the start of the service.
-#[derive(Clone, Copy)]
-pub(super) struct TaskTimes {
-    pub start_ns: u64,
-    pub end_ns: u64,
-    /// CPU time of the thread, where it counts.
-    pub cpu_ns: Option<u64>,
-}
 
 /// A job of any payload types, as the holder of the lock sees it. Every `start` is followed by one `finish` of the
 /// same thread.
@@ -465,8 +457,7 @@ impl<R: Renderer> Job for TypedJob<R> {
         if !self.has_joined {
             self.join_device();
         }
-        let ns = end_ns - start_ns;
-        let device_ns = cpu_ns.unwrap_or(ns);
+        let (ns, device_ns) = (end_ns - start_ns, cpu_ns.unwrap_or(end_ns - start_ns));
         self.busy_ns[thread] += ns;
         let (mut submitted, mut rays) = (None, account.rays);
         match done {

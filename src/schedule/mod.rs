@@ -33,7 +33,7 @@ mod see_through;
 mod service;
 mod state;
 mod task;
-mod thread_time;
+mod task_times;
 mod workers;
 
 #[cfg(test)]

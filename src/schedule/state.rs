@@ -3,9 +3,10 @@
 
 use super::flights::Flights;
 use super::head_start::HeadStarts;
-use super::job::{Job, TaskTimes};
+use super::job::Job;
 use super::report::{JobReport, Progress, ThreadKind};
 use super::task::Work;
+use super::task_times::TaskTimes;
 use super::{Choice, JobError, Load, Priority, Rule, ServiceOptions, Sharing, TaskSize, Turn, policy};
 use crate::stream::Resolve;
 use std::collections::VecDeque;

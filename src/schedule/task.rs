@@ -1,7 +1,7 @@
 //! What a thread does between two visits to the lists, without the lock.
 
 use super::result::JobError;
-use super::thread_time::thread_ns;
+use super::task_times::thread_ns;
 use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit, trace_on};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,

@@ -152,8 +152,8 @@ impl DeviceTracer for ModelledDevice {
     }
 }
 
-/// Threads that trace rays over and over at the rate of a model, until this is dropped: a device's cores are as busy, and
-/// take as much of what cores share.
+/// Threads that trace rays over and over at the rate of a model, until this is dropped: a device's cores are as busy,
+/// and take as much of what cores share.
 #[derive(Debug)]
 pub struct BusyCores {
     stop: Arc<AtomicBool>,

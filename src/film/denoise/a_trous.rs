@@ -11,8 +11,8 @@
 //! The filter looks at most [`FILTER_REACH`] pixels away, so rows are the same if others are cut off beyond that.
 //!
 //! # Same bytes
-//! What is computed in lanes, with one pixel in each lane, has a fixed order and no fused operations; everything else is
-//! scalar. Each row is computed by one thread from inputs that do not change.
+//! What is computed in lanes, with one pixel in each lane, has a fixed order and no fused operations; everything else
+//! is scalar. Each row is computed by one thread from inputs that do not change.
 
 mod brightness;
 mod rows;

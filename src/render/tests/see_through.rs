@@ -178,10 +178,10 @@ fn shadow_rays_pass_in_proportion() {
             let by_ray = PerRay::shading(Lit, scene.clone(), &camera(), settings).expect("valid settings");
             [mean(&pixels(&lights, 8192)), mean(&pixels(&by_ray, 8192))]
         };
-        let bare = mean_by(&lit_under(None, shape.clone()));
+        let bare = mean_by(&lit_under(None, shape));
         assert!(bare[0] > 0.0 && bare[1] > 0.0, "{light}: {bare:?}");
         for opacity in [0.0, 0.25, 1.0f32] {
-            let scene = lit_under(Some(opacity), shape.clone());
+            let scene = lit_under(Some(opacity), shape);
             let expected = (1.0 - opacity).powi(2);
             for (found, bare) in mean_by(&scene).into_iter().zip(bare) {
                 let share = found / bare;

@@ -218,7 +218,8 @@ fn the_account_adds_up() {
     };
     assert!((seconds(TaskKind::Trace) - report.cpu.busy_s).abs() < 1e-6);
     assert!((seconds(TaskKind::Dispatch) - report.gpu.busy_s).abs() < 1e-6);
-    assert!((seconds(TaskKind::Resolve) - report.gpu.resolving_s).abs() < 1e-6);
+    // CPU time, which is at most that of the clock.
+    assert!(report.gpu.resolving_s > 0.0 && report.gpu.resolving_s < seconds(TaskKind::Resolve) + 1e-6);
     assert!(report.gpu.sending_s > 0.0 && report.gpu.waiting_s >= report.gpu.busy_s);
     assert_eq!(report.shading.rays, report.rays.total());
     for (index, thread) in report.threads.iter().enumerate() {

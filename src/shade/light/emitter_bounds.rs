@@ -15,8 +15,8 @@ const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
 /// Least component of a direction, so that reciprocals stay finite.
 const LEAST: f32 = 1e-20;
 
-/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all boxes, need
-/// not be traced.
+/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all boxes,
+/// need not be traced.
 #[derive(Clone, Debug, Default)]
 pub struct EmitterBounds {
     boxes: Vec<Aabb>,

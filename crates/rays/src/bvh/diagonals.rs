@@ -2,9 +2,9 @@
 //! around what it holds; with extents in ten more directions it is nearly the smallest, whatever the turn.
 //!
 //! A row of a [`Placement`] is a sum of an axis, a diagonal of a face and a diagonal of the cube, with weights that are
-//! not negative: if `a >= b >= c >= 0`, then `(a, b, c) = (a - b) (1, 0, 0) + (b - c) (1, 1, 0) + c (1, 1, 1)`. The same
-//! sum of the extents along the three is an upper bound of the moved coordinate. It is at most what the box alone gives,
-//! since the extent along a diagonal is at most the sum of those along its axes.
+//! not negative: if `a >= b >= c >= 0`, then `(a, b, c) = (a - b) (1, 0, 0) + (b - c) (1, 1, 0) + c (1, 1, 1)`. The
+//! same sum of the extents along the three is an upper bound of the moved coordinate. It is at most what the box alone
+//! gives, since the extent along a diagonal is at most the sum of those along its axes.
 
 use super::Bvh;
 use super::child::{Child, WIDTH};
@@ -117,7 +117,7 @@ impl Bvh {
         Some(TurnedBoxes { diagonals, cones: [x?, y?, z?] })
     }
 
-    /// Computes the extents of the tree's nodes, if this placement turns their boxes and nobody has computed them. A
+    /// Computes the extents of the tree's nodes, if this placement turns their boxes and none are there. A
     /// tree that was refitted remains without: it may change again before they have paid.
     #[inline]
     pub(super) fn make_diagonals(&self, placement: &Placement) {
@@ -129,7 +129,7 @@ impl Bvh {
     }
 }
 
-/// Computes the extents of all nodes. On one thread: a thread that waits for them could be given a task that waits, too.
+/// Computes the extents of all nodes, on one thread: one that waits for them could be given a task that waits, too.
 struct MakeDiagonals<'a>(&'a WideTree);
 
 impl LaneTask for MakeDiagonals<'_> {

@@ -71,8 +71,8 @@ use supports::Supports;
 /// A bounding volume hierarchy over triangles, with everything that tracers need of them. Either a tree of
 /// triangles ([`Bvh::build`]) or a two-level tree over instances of such trees ([`Bvh::from_instances`]).
 ///
-/// Takes about 40 bytes a triangle, up to 75 where triangles share no corners, and 21 more once an instance is turned. Building needs some 75 bytes a
-/// triangle more. Each box is the smallest around its triangles.
+/// Takes about 40 bytes a triangle, up to 75 where triangles share no corners, and 21 more once an instance is turned.
+/// Building needs some 75 bytes a triangle more. Each box is the smallest around its triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     wide: WideTree,

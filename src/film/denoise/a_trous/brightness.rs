@@ -1,4 +1,4 @@
-//! How bright light is around a pixel: what is far brighter is cut, and the variance of the rest is the noise of a pixel.
+//! The light around a pixel: what is far brighter is cut, and the variance of the rest is the pixel's noise.
 
 use super::rows::Rows;
 use super::{BAND, GUIDES, LUMINANCE, MARGIN, NEAR, SIGNALS, TINY, VARIANCE, vector};

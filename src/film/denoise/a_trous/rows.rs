@@ -4,7 +4,7 @@ use super::{BAND, MARGIN};
 use crate::lanes::MAX_LANES;
 
 /// Numbers of pixels, row by row; a row has one column after the other. Around the picture there are pixels of zeros,
-/// which nobody writes, but for those that fill the last lanes of a row.
+/// and only those that fill the last lanes of a row are ever written.
 #[derive(Debug)]
 pub(super) struct Rows {
     columns: usize,

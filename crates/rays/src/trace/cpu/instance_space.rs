@@ -19,7 +19,8 @@ pub(super) trait Space: Copy {
     /// True if the boxes of leaf blocks are the smallest around their triangles.
     const HAS_TIGHT_BLOCKS: bool;
 
-    /// The boxes of a node in world space, given with its index; those of vacant slots are inverted. Moved boxes are written to `buffer`.
+    /// The boxes of a node in world space, given with its index; those of vacant slots are inverted. Moved boxes are
+    /// written to `buffer`.
     fn boxes<'a, E: Lanes>(self, e: E, index: usize, node: &'a WideNode, buffer: &'a mut Boxes) -> &'a Boxes;
     /// [`Space::boxes`] of two nodes, given with their indices. Moved boxes are kept in `moved`, or in `spare`.
     fn boxes_of_pair<'a, E: Lanes>(
@@ -295,7 +296,7 @@ mod tests {
     fn placement(seed: u32) -> Placement {
         let mut rows = [[0.0; 4]; 3];
         for (k, element) in (1u32..).zip(rows.as_flattened_mut()) {
-            let far = if k % 4 == 0 && seed % 3 == 0 { 1e5 } else { 1.0 };
+            let far = if k % 4 == 0 && seed.is_multiple_of(3) { 1e5 } else { 1.0 };
             *element = match mix(seed + k) % 10 {
                 0 => 0.0,
                 1 => 0.25,

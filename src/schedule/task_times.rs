@@ -1,5 +1,14 @@
-//! CPU time of a thread. The clock on the wall also counts the time of other threads on the same core, and a device's
+//! When tasks ran, and for how long. The clock also counts the time of other threads on the same core, and a device's
 //! thread, which is one more than there are cores, is interrupted wherever it wakes another.
+
+/// The times of a task, in nanoseconds since the start of the service.
+#[derive(Clone, Copy)]
+pub struct TaskTimes {
+    pub start_ns: u64,
+    pub end_ns: u64,
+    /// CPU time of the thread, where it counts.
+    pub cpu_ns: Option<u64>,
+}
 
 /// CPU time of the calling thread in nanoseconds; `None` on systems other than Linux.
 #[cfg(target_os = "linux")]
