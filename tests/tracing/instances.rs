@@ -30,7 +30,8 @@ fn the_tree_has_the_right_triangles_and_stores_shared_ones_once() {
     }
     let (_, InstancedScene { mesh, bvh }, _) = instanced_scenes::all().swap_remove(2);
     let flat = Bvh::build(&mesh.positions, &mesh.triangles, |_| false);
-    assert!(bvh.bytes() * 4 < flat.bytes(), "{} of {} bytes", bvh.bytes(), flat.bytes());
+    // With the extents of turned boxes.
+    assert!(bvh.bytes() * 3 < flat.bytes(), "{} of {} bytes", bvh.bytes(), flat.bytes());
 }
 
 #[test]
