@@ -42,7 +42,7 @@ mod task {
     use crate::stream::ChunkScratch;
 
     pub trait Work: Send + Sync {
-        fn work(&self, thread: usize, scratch: &mut ChunkScratch);
+        fn work(&self, thread: usize, scratch: &mut ChunkScratch) -> Option<u64>;
         fn warnings(&self) -> Vec<String>;
     }
 }
