@@ -117,8 +117,8 @@ impl Bvh {
         Some(TurnedBoxes { diagonals, cones: [x?, y?, z?] })
     }
 
-    /// Computes the extents of the tree's nodes, if this placement turns their boxes and none are there. A
-    /// tree that was refitted remains without: it may change again before they have paid.
+    /// Computes the extents of the tree's nodes, if this placement turns their boxes and none are there. A tree that
+    /// was refitted remains without: it may change again before they have paid.
     #[inline]
     pub(super) fn make_diagonals(&self, placement: &Placement) {
         let turns =
