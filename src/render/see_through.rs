@@ -48,24 +48,26 @@ impl Frame {
             sample.map_or([number; 3], |CameraSample { pixel, sample }| [pixel, sample, number])
         };
         let draws: Vec<Draw> = batch.payloads.iter().zip(batch.rays).map(draw).collect();
-        let drawn = Batch { rays: batch.rays, hits: batch.hits, payloads: &draws };
-        let mut passed = self.simd().run(Decide { frame: self, batch: drawn });
-        passed.sort_unstable();
+        let passed = self.passed(Batch { rays: batch.rays, hits: batch.hits, payloads: &draws });
         for &i in &passed {
             let (ray, hit) = (batch.rays[i as usize], batch.hits[i as usize]);
             out.ray(Ray { t_min: hit.t.next_up(), ..ray }, batch.payloads[i as usize]);
         }
         (!passed.is_empty()).then(|| GivenRays::without(batch, &passed))
     }
+
+    /// The rays that pass what they have hit, in ascending order.
+    fn passed(&self, batch: Batch<'_, Draw>) -> Vec<u32> {
+        let mut passed = self.simd().run(Decide { frame: self, batch });
+        passed.sort_unstable();
+        passed
+    }
 }
 
 impl SeeThrough for Frame {
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
         let draws: Vec<Draw> = rays.iter().map(|ray| [hash(ray); 3]).collect();
-        let mut passed =
-            self.simd().run(Decide { frame: self, batch: Batch { rays, hits, payloads: &draws } });
-        passed.sort_unstable();
-        passed
+        self.passed(Batch { rays, hits, payloads: &draws })
     }
 }
 
