@@ -6,6 +6,7 @@ use std::io::Read;
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -72,10 +73,17 @@ pub struct Nats {
     process: Option<Process>,
 }
 
-/// A port that no one listens at.
+/// A port that no one listens at, another one for each call: below those that systems choose for connections, as one of
+/// these could take it before its server listens.
 pub fn free_port() -> u16 {
-    let socket = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    socket.local_addr().expect("an address").port()
+    const FIRST: u32 = 10_000;
+    const COUNT: u32 = 20_000;
+    static CALLS: AtomicU32 = AtomicU32::new(0);
+    // Processes begin at places of their own.
+    let begin = std::process::id().wrapping_mul(7919);
+    let next = || (FIRST + begin.wrapping_add(CALLS.fetch_add(1, Relaxed)) % COUNT) as u16;
+    let is_free = |port: &u16| TcpListener::bind((Ipv4Addr::UNSPECIFIED, *port)).is_ok();
+    std::iter::repeat_with(next).take(COUNT as usize).find(is_free).expect("a free port")
 }
 
 impl Nats {
@@ -137,6 +145,7 @@ impl Nats {
         };
         while greets().is_none() {
             assert!(began.elapsed() < PATIENCE, "nats-server does not listen");
+            assert!(self.process.as_mut().is_some_and(Process::is_alive), "nats-server has ended");
             std::thread::sleep(Duration::from_millis(20));
         }
     }

@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
+use tempfile::NamedTempFile;
 use ureq::Agent;
 use ureq::http::{Request, Response};
 
@@ -47,6 +48,8 @@ pub fn rendered(scene: &Path, options: &[&str]) -> String {
 /// A service, killed at the end.
 pub struct Service {
     child: Child,
+    /// What it writes to its standard error, unless the test has a file for that.
+    messages: NamedTempFile,
     pub url: String,
     pub token: String,
     agent: Agent,
@@ -111,8 +114,11 @@ impl Service {
         (token, log): (Option<&str>, Option<&Path>),
         variables: &[(&str, &str)],
     ) -> Option<Self> {
-        let errors =
-            log.map_or_else(Stdio::inherit, |path| Stdio::from(std::fs::File::create(path).expect("a file")));
+        let messages = NamedTempFile::new().expect("a file");
+        let errors = match log {
+            Some(path) => std::fs::File::create(path).expect("a file"),
+            None => messages.reopen().expect("a file"),
+        };
         // A file that cannot grow is an error then, not a signal.
         let mut child = Command::new("sh")
             .args(["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_raystream")])
@@ -129,7 +135,9 @@ impl Service {
         let mut line = String::new();
         let read = BufReader::new(child.stdout.take().expect("a pipe")).read_line(&mut line);
         if read.expect("a line") == 0 {
-            child.wait().expect("it ended");
+            let (status, messages) =
+                (child.wait().expect("it ended"), std::fs::read_to_string(messages.path()));
+            println!("the service ended: {status}: {}", messages.expect("its messages"));
             return None;
         }
         let (url, token) = match token {
@@ -138,7 +146,7 @@ impl Service {
         };
         let config = Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE));
         let agent = config.build().new_agent();
-        Some(Self { child, url: url.into(), token: token.into(), agent })
+        Some(Self { child, messages, url: url.into(), token: token.into(), agent })
     }
 
     /// Ends the process as a power failure would.
@@ -263,5 +271,8 @@ impl Drop for Service {
         // It may have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if std::thread::panicking() {
+            println!("the service: {}", std::fs::read_to_string(self.messages.path()).unwrap_or_default());
+        }
     }
 }
