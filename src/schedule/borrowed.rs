@@ -11,7 +11,7 @@
 //! 4. A [`Borrowed`] uses its pointer as a shared reference to a renderer, which is `Sync`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use super::{Batch, Output, Renderer, SceneId, SeeThrough};
+use super::{Batch, InPlace, Output, Renderer, SceneId, SeeThrough};
 use crate::stream::{Ray, drop_quietly};
 use bytemuck::Pod;
 use std::marker::PhantomData;
@@ -149,8 +149,16 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
         self.renderer().depth(payload)
     }
 
+    fn warnings(&self) -> Vec<String> {
+        self.renderer().warnings()
+    }
+
     fn see_through(&self) -> Option<&dyn SeeThrough> {
         self.renderer().see_through()
+    }
+
+    fn in_place(&self) -> Option<&dyn InPlace> {
+        self.renderer().in_place()
     }
 
     fn shadow(&self, rays: &[Ray], payloads: &[S], occluded: &[u32]) {

@@ -29,11 +29,13 @@ impl Service {
         &self,
         tracers: &Tracers,
         rays: &[Ray],
+        mut answers: Vec<A>,
         options: &JobOptions,
     ) -> Result<QueryHandle<A>, LimitsError> {
         let (limits, events) = self.limits_here(tracers, rays.len(), options)?;
         let start_ns = self.inner.now_ns();
-        let mut answers = vec![A::default(); rays.len()];
+        answers.clear();
+        answers.resize(rays.len(), A::default());
         let traced = catch_unwind(AssertUnwindSafe(|| A::trace(&*tracers.host, rays, &mut answers)));
         let end_ns = self.inner.now_ns();
         let count = rays.len() as u64;

@@ -3,12 +3,13 @@
 use super::device_account::{BundleAccount, DeviceAccount};
 use super::flights::{Answers, BundleId, Submitted};
 use super::limits::BUNDLE_STREAMS;
-use super::lists::{Lists, Waits, weight};
+use super::lists::{Lists, weight};
 use super::on_device::WithDevice;
 use super::policy::{Pace, PathLengths};
 use super::pool::Pool;
 use super::report::{JobReport, Lengths, Progress, TaskKind, TaskRecord, ThreadKind, ThreadReport};
 use super::task::{Done, SharedJob, Task, TaskSlot};
+use super::task_account::TaskAccount;
 use super::task_times::TaskTimes;
 use super::{JobError, JobOptions, Limits, Policy, Renderer, Rule, TaskSize, Unit, UnitReport, View, policy};
 use crate::stream::{DeviceReport, Empty, RayStream, Resolve, Untraced, drop_quietly, paths};
@@ -53,36 +54,6 @@ pub(super) trait Job: Send {
     fn check(&self);
 }
 
-/// What a task under way counts for.
-#[derive(Clone, Copy)]
-struct TaskAccount {
-    rule: Rule,
-    /// Paths in flight in the task's streams, and those that it may spawn. 0 for a chunk, whose paths are counted with
-    /// its stream.
-    paths: usize,
-    /// Rays and shadow rays in the task, for its record; 0 for a spawn task, whose rays are known at its end.
-    rays: u64,
-    /// Of a stream to be resolved.
-    waits: Waits,
-}
-
-impl TaskAccount {
-    fn new(rule: Rule, paths: usize, rays: u64) -> Self {
-        Self { rule, paths, rays, waits: [0; 2] }
-    }
-
-    /// What the timeline calls the task. What the device thread does is seen there as what the device does.
-    fn kind(&self) -> Option<TaskKind> {
-        match self.rule {
-            Rule::Spawn => Some(TaskKind::Spawn),
-            Rule::Shade => Some(TaskKind::Shade),
-            Rule::Trace | Rule::Flush => Some(TaskKind::Trace),
-            Rule::Resolve => Some(TaskKind::Resolve),
-            Rule::Submit | Rule::Reclaim => None,
-        }
-    }
-}
-
 pub(super) struct TypedJob<R: Renderer> {
     shared: Arc<SharedJob<R>>,
     lists: Lists<R::Payload, R::ShadowPayload>,
@@ -112,6 +83,8 @@ pub(super) struct TypedJob<R: Renderer> {
     device: DeviceAccount,
     /// True once the device is ready. Host threads trace alone until then.
     has_joined: bool,
+    /// True if the renderer's tiles can be traced where they are.
+    is_in_place: bool,
     progress: Progress,
     report: JobReport,
     keep_timeline: bool,
@@ -146,6 +119,7 @@ impl<R: Renderer> TypedJob<R> {
             submitting: (0, 0),
             device: DeviceAccount::default(),
             has_joined: false,
+            is_in_place: shared.renderer.in_place().is_some(),
             progress: Progress { tiles, tile_rays: limits.tile_rays as u64, ..Progress::default() },
             report: JobReport {
                 stream_bytes: limits.stream.bytes::<R::Payload, R::ShadowPayload>(),
@@ -208,9 +182,13 @@ impl<R: Renderer> TypedJob<R> {
             Rule::Spawn => {
                 let tile = self.next_tile;
                 self.next_tile += 1;
-                let output = self.lists.output(thread);
                 let tile_rays = self.limits().tile_rays;
                 self.in_flight += tile_rays;
+                // A task that must be small is divided, which streams are.
+                if self.is_in_place && self.unit == Unit::Cpu && size == TaskSize::Large {
+                    return (Task::InPlace { tile }, TaskAccount::in_place(tile_rays));
+                }
+                let output = self.lists.output(thread);
                 let paths = self.paths(&output) + tile_rays;
                 (Task::Spawn { tile, output }, TaskAccount::new(rule, paths, 0))
             }
@@ -299,6 +277,13 @@ impl<R: Renderer> TypedJob<R> {
                 self.progress.cpu_rays += account.rays;
                 self.lists.put_back_chunk(chunk, thread);
                 account.rays
+            }
+            Done::TracedInPlace(rays) => {
+                self.progress.tiles_spawned += 1;
+                self.progress.rays += rays;
+                self.progress.cpu_rays += rays.total();
+                self.end_paths(account, 0);
+                rays.total()
             }
             Done::Failed(error) => {
                 self.abandon(error.of_job(self.report.name.clone()));
@@ -471,17 +456,17 @@ impl<R: Renderer> Job for TypedJob<R> {
             }
             done => rays = self.put_back(account, done, thread, end_ns),
         }
-        match account.rule {
-            Rule::Trace | Rule::Flush => self.trace_ns += ns,
-            Rule::Shade => self.shading += Pace { rays, ns },
-            Rule::Resolve => self.device.resolving += Pace { rays, ns: device_ns },
-            Rule::Submit => {
+        match account.kind {
+            Some(TaskKind::Trace) => self.trace_ns += ns,
+            Some(TaskKind::Shade) => self.shading += Pace { rays, ns },
+            Some(TaskKind::Resolve) => self.device.resolving += Pace { rays, ns: device_ns },
+            None if account.rule == Rule::Submit => {
                 self.device.submitted += 1;
                 self.device.submitting_ns += device_ns;
             }
-            Rule::Spawn | Rule::Reclaim => {}
+            _ => {}
         }
-        if let Some(kind) = account.kind() {
+        if let Some(kind) = account.kind {
             self.record(thread, kind, rays, (start_ns, end_ns));
         }
         submitted
@@ -587,13 +572,9 @@ impl<R: Renderer> Job for TypedJob<R> {
         }
         let with_tasks: usize = self.accounts.iter().flatten().map(|account| account.paths).sum();
         let with_device = self.with_device.paths(self.limits().shadow_rays_per_path);
-        let with_threads = self.accounts.iter().flatten().map(|account| match account.rule {
-            Rule::Shade => 2,
-            Rule::Spawn | Rule::Resolve | Rule::Reclaim => 1,
-            Rule::Submit => self.submitting.0,
-            Rule::Trace | Rule::Flush => 0,
-        });
-        let out = with_threads.sum::<usize>() + self.with_device.streams() + self.with_device.failed();
+        let with_threads = self.accounts.iter().flatten().map(TaskAccount::streams).sum::<usize>();
+        let of_device = self.submitting.0 + self.with_device.streams() + self.with_device.failed();
+        let out = with_threads + of_device;
         assert_eq!(streams + out, self.lists.made(), "streams are conserved");
         assert_eq!(in_lists + with_tasks + with_device, self.in_flight, "paths are conserved");
     }

@@ -5,6 +5,7 @@
 //! [`Service`] is made once, with its threads; [`Service::submit`] takes jobs from any thread. `README.md` beside this
 //! file states the lists and the protocol, and proves that no thread gets stuck. `docs/glossary.md` explains the words.
 
+mod answer_parts;
 mod borrowed;
 mod caller;
 mod control;
@@ -33,6 +34,7 @@ mod see_through;
 mod service;
 mod state;
 mod task;
+mod task_account;
 mod task_times;
 mod workers;
 
@@ -48,7 +50,7 @@ pub use options::{JobOptions, ServiceOptions, Tracers};
 pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, TaskSize, Turn, Unit, View};
 pub use priority::Priority;
 pub use queries::{QueryError, QueryHandle};
-pub use renderer::{Batch, Output, Renderer, SeeThrough};
+pub use renderer::{Batch, InPlace, Output, Renderer, SeeThrough};
 pub use report::{
     DEPTHS, Depths, JobReport, Lengths, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport,
     UnitReport,

@@ -1,20 +1,30 @@
 //! Ray queries as jobs: rays in, hits or occlusion out. Each query is a small renderer, so it is traced by the same
-//! units as frames.
+//! units as frames: in streams where a device takes part, else where the rays are.
 
+use super::answer_parts::{AnswerParts, Part};
+use super::service::unit_used;
 use super::{
-    Batch, JobControl, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Priority, Progress,
-    RayCounts, Renderer, Service, Tracers,
+    Batch, InPlace, JobControl, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Priority,
+    Progress, RayCounts, Renderer, Service, Tracers, Unit,
 };
 use crate::stream::{Hit, Ray, Tracer};
-use rayon::prelude::*;
 use std::fmt;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
-/// Rays of a tile. Large, so that the lists are visited seldom; small enough for several tiles a thread.
-const TILE_RAYS: usize = 16 * 1024;
+/// Rays of a tile in streams: as many as a stream has.
+const STREAM_RAYS: usize = 16 * 1024;
+
+/// The most rays of a tile that is traced in place. Large, so that the lists are visited seldom.
+const MOST_IN_PLACE: usize = 32 * 1024;
+
+/// The fewest rays of such a tile, if there are as many: a visit to the lists takes as long as to trace a few of them.
+const LEAST_IN_PLACE: usize = 1024;
+
+/// Tiles for each host thread, if there are several, so that all of them end at about the same time.
+const TILES_A_THREAD: usize = 8;
 
 /// The most rays of one query: ray numbers have 32 bits.
 const MOST_RAYS: usize = u32::MAX as usize;
@@ -43,7 +53,23 @@ impl Service {
         rays: Arc<[Ray]>,
         options: JobOptions,
     ) -> Result<QueryHandle<Hit>, QueryError> {
-        self.query(tracers, rays, options)
+        self.closest_into(tracers, rays, Vec::new(), options)
+    }
+
+    /// [`Service::closest`] in the memory of a vector, if that suffices: of former hits, for a program that asks often.
+    /// What it contains is overwritten. The operating system takes as long to provide new memory as it takes to trace
+    /// rays that meet little.
+    ///
+    /// # Errors
+    /// As [`Service::closest`].
+    pub fn closest_into(
+        &self,
+        tracers: Tracers,
+        rays: Arc<[Ray]>,
+        hits: Vec<Hit>,
+        options: JobOptions,
+    ) -> Result<QueryHandle<Hit>, QueryError> {
+        self.query(tracers, rays, hits, options)
     }
 
     /// Finds whether each ray hits anything: 1 if it does, else 0. As [`Service::closest`] otherwise.
@@ -56,22 +82,48 @@ impl Service {
         rays: Arc<[Ray]>,
         options: JobOptions,
     ) -> Result<QueryHandle<u32>, QueryError> {
-        self.query(tracers, rays, options)
+        self.occluded_into(tracers, rays, Vec::new(), options)
+    }
+
+    /// [`Service::occluded`] in the memory of a vector, as for [`Service::closest_into`].
+    ///
+    /// # Errors
+    /// As [`Service::occluded`].
+    pub fn occluded_into(
+        &self,
+        tracers: Tracers,
+        rays: Arc<[Ray]>,
+        occluded: Vec<u32>,
+        options: JobOptions,
+    ) -> Result<QueryHandle<u32>, QueryError> {
+        self.query(tracers, rays, occluded, options)
     }
 
     fn query<A: Answer>(
         &self,
         tracers: Tracers,
         rays: Arc<[Ray]>,
+        memory: Vec<A>,
         options: JobOptions,
     ) -> Result<QueryHandle<A>, QueryError> {
         if self.is_for_caller(&tracers, rays.len(), &options) {
-            return Ok(self.trace_here(&tracers, &rays, &options)?);
+            return Ok(self.trace_here(&tracers, &rays, memory, &options)?);
         }
-        let query = Arc::new(Query::new(rays)?);
+        let (hosts, device_thread) = self.inner.threads();
+        let tile_rays = match unit_used(&tracers, "", device_thread).0 {
+            Unit::Cpu => tile_in_place(rays.len(), hosts),
+            Unit::Gpu | Unit::Hybrid => STREAM_RAYS,
+        };
+        let query = Arc::new(Query::new(rays, memory, tile_rays)?);
         let job = self.submit_as(Arc::clone(&query), tracers, &options, true)?;
         Ok(QueryHandle { job, query })
     }
+}
+
+/// Rays of a tile of so many that host threads trace in place.
+fn tile_in_place(rays: usize, hosts: usize) -> usize {
+    let fair = if hosts == 1 { rays } else { rays / (TILES_A_THREAD * hosts) };
+    fair.clamp(LEAST_IN_PLACE, MOST_IN_PLACE)
 }
 
 /// A query's answers, one for each ray in the order of the rays, with its report.
@@ -84,7 +136,7 @@ pub struct QueryHandle<A> {
     query: Arc<Query<A>>,
 }
 
-impl<A: Copy + Send + Sync> QueryHandle<A> {
+impl<A: Copy + Default + Send + Sync> QueryHandle<A> {
     pub(super) fn new(job: JobHandle, query: Arc<Query<A>>) -> Self {
         Self { job, query }
     }
@@ -169,7 +221,7 @@ impl<A: Copy + Send + Sync> QueryHandle<A> {
     }
 }
 
-impl<A: Copy + Send + Sync> Future for QueryHandle<A> {
+impl<A: Copy + Default + Send + Sync> Future for QueryHandle<A> {
     type Output = Result<(Vec<A>, JobReport), JobError>;
 
     /// # Panics
@@ -248,65 +300,58 @@ impl Answer for u32 {
     }
 }
 
-/// A renderer whose picture is a list of answers: rays, and the answers of each tile, which one thread writes at a
-/// time.
+/// A renderer whose picture is a list of answers: a tile is a part of them.
 pub(super) struct Query<A> {
     rays: Arc<[Ray]>,
-    /// The threads that spawn tiles make their memory: the operating system provides the pages of large memory at the
-    /// first write, which takes one thread longer than many threads take to trace the rays.
-    tiles: Vec<Mutex<Box<[A]>>>,
-    /// All answers, once they have been collected from the tiles.
-    collected: Mutex<Vec<A>>,
+    tile_rays: usize,
+    answers: AnswerParts<A>,
+    /// All answers, once they have been taken from their parts.
+    taken: Mutex<Vec<A>>,
 }
 
-impl<A: Copy + Default> Query<A> {
-    fn new(rays: Arc<[Ray]>) -> Result<Self, QueryError> {
+impl<A: Copy + Default + Send + Sync> Query<A> {
+    fn new(rays: Arc<[Ray]>, memory: Vec<A>, tile_rays: usize) -> Result<Self, QueryError> {
         if rays.len() > MOST_RAYS {
             return Err(QueryError::TooManyRays(rays.len()));
         }
-        let tiles = rays.chunks(TILE_RAYS).map(|_| Mutex::default());
-        Ok(Self { tiles: tiles.collect(), rays, collected: Mutex::default() })
+        let answers = AnswerParts::new(memory, rays.len(), tile_rays);
+        Ok(Self { tile_rays, answers, rays, taken: Mutex::default() })
     }
-}
 
-impl<A: Copy + Send + Sync> Query<A> {
     /// A query whose answers are there already.
     pub fn answered(answers: Vec<A>) -> Self {
-        Self { rays: Arc::default(), tiles: Vec::new(), collected: Mutex::new(answers) }
+        let (rays, none) = (Arc::default(), AnswerParts::new(Vec::new(), 0, 1));
+        Self { rays, tile_rays: 1, answers: none, taken: Mutex::new(answers) }
+    }
+
+    /// The rays of a tile, with the number of the first.
+    fn tile(&self, tile: u64) -> (u32, &[Ray]) {
+        let start = tile as usize * self.tile_rays;
+        (start as u32, &self.rays[start..(start + self.tile_rays).min(self.rays.len())])
     }
 
     /// Writes the answers of rays with these numbers.
     fn write(&self, numbers: &[u32], mut answers: &[A]) {
-        let tile_of = |number: u32| number as usize / TILE_RAYS;
+        let tile_of = |number: u32| number as usize / self.tile_rays;
         for run in numbers.chunk_by(|&a, &b| tile_of(a) == tile_of(b)) {
             let (head, rest) = answers.split_at(run.len());
-            let mut tile = self.tile(tile_of(run[0]));
+            let mut tile = self.part(tile_of(run[0]));
             for (&number, &answer) in run.iter().zip(head) {
-                tile[number as usize % TILE_RAYS] = answer;
+                tile[number as usize % self.tile_rays] = answer;
             }
             answers = rest;
         }
     }
 
-    fn tile(&self, tile: usize) -> MutexGuard<'_, Box<[A]>> {
-        self.tiles[tile].lock().unwrap_or_else(PoisonError::into_inner)
+    fn part(&self, tile: usize) -> Part<'_, A> {
+        self.answers.part(tile)
     }
 
-    /// The answers of all tiles that were spawned, collected on the first call: many by all threads of the current
-    /// rayon pool.
+    /// The answers of all tiles that were spawned.
     fn collect(&self) -> MutexGuard<'_, Vec<A>> {
-        let mut all = self.collected.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.is_empty() {
-            let tiles: Vec<Box<[A]>> =
-                (0..self.tiles.len()).map(|tile| std::mem::take(&mut *self.tile(tile))).collect();
-            let count = tiles.iter().map(|tile| tile.len()).sum();
-            // Tiles are spawned in order, and only the last one of all has fewer rays.
-            let answer = |number: usize| tiles[number / TILE_RAYS][number % TILE_RAYS];
-            if count <= 2 * TILE_RAYS {
-                all.extend((0..count).map(answer));
-            } else {
-                (0..count).into_par_iter().with_min_len(TILE_RAYS).map(answer).collect_into_vec(&mut all);
-            }
+        let mut all = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(answers) = self.answers.take() {
+            *all = answers;
         }
         all
     }
@@ -327,11 +372,11 @@ impl<A: Answer> Renderer for Query<A> {
     type ShadowPayload = u32;
 
     fn tiles(&self) -> u64 {
-        self.tiles.len() as u64
+        self.answers.parts() as u64
     }
 
     fn tile_rays(&self) -> usize {
-        self.rays.len().clamp(1, TILE_RAYS)
+        self.rays.len().clamp(1, self.tile_rays)
     }
 
     fn shadow_rays_per_ray(&self) -> usize {
@@ -343,10 +388,14 @@ impl<A: Answer> Renderer for Query<A> {
     }
 
     fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
-        let start = tile as usize * TILE_RAYS;
-        let rays = &self.rays[start..(start + TILE_RAYS).min(self.rays.len())];
-        *self.tile(tile as usize) = vec![A::default(); rays.len()].into();
-        (start as u32..).zip(rays).for_each(|(number, &ray)| A::emit(out, ray, number));
+        let (first, rays) = self.tile(tile);
+        // Its memory, by this thread, and at the latest now: answers of a tile without any are no answers.
+        drop(self.part(tile as usize));
+        (first..).zip(rays).for_each(|(number, &ray)| A::emit(out, ray, number));
+    }
+
+    fn in_place(&self) -> Option<&dyn InPlace> {
+        Some(self)
     }
 
     fn shade(&self, batch: Batch<'_, u32>, _: &mut Output<'_, u32, u32>) {
@@ -355,5 +404,13 @@ impl<A: Answer> Renderer for Query<A> {
 
     fn shadow(&self, _: &[Ray], payloads: &[u32], occluded: &[u32]) {
         self.write(payloads, A::of_occluded(occluded));
+    }
+}
+
+impl<A: Answer> InPlace for Query<A> {
+    fn trace(&self, tile: u64, tracer: &dyn Tracer) -> RayCounts {
+        let (_, rays) = self.tile(tile);
+        A::trace(tracer, rays, &mut self.part(tile as usize));
+        A::count(rays.len() as u64)
     }
 }

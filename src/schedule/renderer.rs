@@ -1,7 +1,7 @@
 //! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
-use super::{SceneId, rows};
-use crate::stream::{Hit, Ray, RayAppender};
+use super::{RayCounts, SceneId, rows};
+use crate::stream::{Hit, Ray, RayAppender, Tracer};
 use bytemuck::Pod;
 
 /// Spawns rays and shades their hits.
@@ -70,6 +70,13 @@ pub trait Renderer: Send + Sync {
         None
     }
 
+    /// The tiles whose rays are traced where they are, if all tiles are of this kind.
+    ///
+    /// A renderer that wraps another may forward it: without it the rays are spawned, for the same result.
+    fn in_place(&self) -> Option<&dyn InPlace> {
+        None
+    }
+
     /// Receives traced shadow rays: `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0. Called for
     /// all shadow rays of a stream before any of its rays is shaded.
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
@@ -83,6 +90,14 @@ pub trait SeeThrough {
     /// The answer about a ray may depend on the ray and its hit alone, so that it is the same in any stream. A ray that
     /// passes comes again with `t_min` behind its hit.
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32>;
+}
+
+/// Tiles of rays that lie in memory already, and from whose hits no others follow. Host threads trace them there where
+/// no device takes part: copying them into a stream, and their answers out of it, can take longer than to trace them.
+pub trait InPlace {
+    /// Traces all rays of a tile and keeps their answers, in place of [`Renderer::spawn`]. Returns how many there were, at
+    /// most [`Renderer::tile_rays`].
+    fn trace(&self, tile: u64, tracer: &dyn Tracer) -> RayCounts;
 }
 
 /// Traced rays to shade: slices of the same length.

@@ -45,6 +45,14 @@ pub struct RayCounts {
     pub shadow: u64,
 }
 
+impl std::ops::AddAssign for RayCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.camera += other.camera;
+        self.continuation += other.continuation;
+        self.shadow += other.shadow;
+    }
+}
+
 impl RayCounts {
     /// Rays of all kinds.
     pub fn total(&self) -> u64 {

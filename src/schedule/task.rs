@@ -2,7 +2,7 @@
 
 use super::result::JobError;
 use super::task_times::thread_ns;
-use super::{Batch, Depths, Limits, Output, Renderer, Tracers, Unit, trace_on};
+use super::{Batch, Depths, Limits, Output, RayCounts, Renderer, Tracers, Unit, trace_on};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
     StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, paths,
@@ -16,6 +16,10 @@ pub(super) enum Task<P, S> {
     Spawn {
         tile: u64,
         output: RayStream<Filling, P, S>,
+    },
+    /// Traces a tile's rays where they are.
+    InPlace {
+        tile: u64,
     },
     /// Ends when the output has `threshold` paths, or when one more batch would be more than `most_rays`.
     Shade {
@@ -44,6 +48,7 @@ pub(super) enum Done<P, S> {
         depths: Depths,
     },
     Traced(TracedChunk),
+    TracedInPlace(RayCounts),
     Resolved {
         stream: RayStream<Traced, P, S>,
         report: DeviceReport,
@@ -118,6 +123,10 @@ impl<R: Renderer> Work for SharedJob<R> {
             Task::Spawn { tile, output } => self.spawn(tile, output),
             Task::Shade { input, output, threshold, most_rays } => {
                 self.shade(input, output, threshold, most_rays)
+            }
+            Task::InPlace { tile } => {
+                let tiles = self.renderer.in_place().expect("only such renderers get such tasks");
+                Done::TracedInPlace(tiles.trace(tile, &*self.tracers.host))
             }
             Task::Trace(chunk) => Done::Traced(chunk.trace(&*self.tracers.host, scratch)),
             Task::Resolve(stream) => match stream.resolve() {

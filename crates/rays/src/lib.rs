@@ -26,6 +26,8 @@ pub use {bytemuck, glam};
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bvh;
 pub mod geom;
+#[doc(hidden)]
+pub mod huge_vectors;
 pub mod lanes;
 pub mod memory;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]

@@ -2,7 +2,7 @@
 
 use super::super::{JobError, JobOptions, Priority, TaskKind, ThreadKind, Tracers, Unit};
 use super::{Gated, blind, service, wait_until};
-use crate::stream::{Hit, Ray, Tracer};
+use crate::stream::{Blocking, BlockingTracer, DeviceError, DeviceReport, Hit, Queries, Ray, Tracer};
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 
@@ -23,6 +23,22 @@ impl Tracer for ByOrigin {
     }
 }
 
+impl BlockingTracer for ByOrigin {
+    fn name(&self) -> &str {
+        "a device"
+    }
+
+    fn max_rays(&self) -> usize {
+        10_000
+    }
+
+    fn trace(&self, queries: Queries<'_>) -> Result<DeviceReport, DeviceError> {
+        self.closest(queries.rays, queries.hits);
+        self.occluded(queries.shadow_rays, queries.occluded);
+        Ok(DeviceReport::default())
+    }
+}
+
 #[test]
 fn queries_answer_each_ray_in_its_place() {
     let service = service(4, false);
@@ -30,8 +46,7 @@ fn queries_answer_each_ray_in_its_place() {
         let rays = (0..count).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() });
         let rays: Arc<[Ray]> = rays.collect();
         let tracers = Tracers::cpu(Arc::new(ByOrigin));
-        // Several tiles in a stream, and batches that begin and end within tiles.
-        let options = JobOptions { threshold: Some(40_000), batch_rays: 5000, ..JobOptions::default() };
+        let options = JobOptions::default().with_timeline(true);
         let closest = service.closest(tracers.clone(), Arc::clone(&rays), options.clone()).unwrap();
         let occluded = service.occluded(tracers, rays, options).unwrap();
         let (hits, report) = closest.wait().unwrap();
@@ -40,10 +55,49 @@ fn queries_answer_each_ray_in_its_place() {
         let (occluded, report) = occluded.wait().unwrap();
         assert_eq!((occluded.len(), report.rays.camera, report.rays.shadow), (count, 0, count as u64));
         assert!(occluded.iter().enumerate().all(|(i, &occluded)| occluded == i as u32 % 2));
-        assert_eq!(
-            (report.cpu.rays, report.tiles, report.stopped),
-            (count as u64, count.div_ceil(16384) as u64, false)
-        );
+        assert_eq!((report.cpu.rays, report.stopped, report.streams), (count as u64, false, 0));
+        assert!(report.timeline.iter().all(|task| task.kind == TaskKind::Trace), "where they are");
+        assert_eq!(report.timeline.iter().map(|task| u64::from(task.rays)).sum::<u64>(), count as u64);
+    }
+}
+
+#[test]
+fn memory_of_answers_is_used_again() {
+    let service = service(2, false);
+    let tracers = Tracers::cpu(Arc::new(ByOrigin));
+    let (mut hits, mut occluded) = (Vec::new(), Vec::new());
+    let mut memory = None;
+    for count in [90_000_usize, 100, 70_000, 0, 90_000] {
+        let rays = (0..count).map(|i| Ray { origin: [(2 * i) as f32, 7.0, 0.0], ..Ray::default() });
+        let rays: Arc<[Ray]> = rays.collect();
+        let ask = service.closest_into(tracers.clone(), Arc::clone(&rays), hits, JobOptions::default());
+        hits = ask.unwrap().wait().unwrap().0;
+        assert_eq!(hits.len(), count);
+        assert!(hits.iter().enumerate().all(|(i, hit)| hit.t == (2 * i) as f32));
+        assert_eq!(*memory.get_or_insert(hits.as_ptr()), hits.as_ptr());
+        // What was there before is never an answer.
+        occluded.resize(count, 9);
+        let ask = service.occluded_into(tracers.clone(), rays, occluded, JobOptions::default());
+        occluded = ask.unwrap().wait().unwrap().0;
+        assert_eq!(occluded, vec![0; count]);
+    }
+}
+
+#[test]
+fn queries_of_a_device_go_through_streams_with_the_same_answers() {
+    let service = service(2, true);
+    for unit in [Unit::Gpu, Unit::Hybrid] {
+        let rays = (0..100_001).map(|i| Ray { origin: [i as f32, 7.0, 0.0], ..Ray::default() });
+        let rays: Arc<[Ray]> = rays.collect();
+        let tracers = Tracers::cpu(Arc::new(ByOrigin)).with_device(Arc::new(Blocking::new(ByOrigin)), unit);
+        // Several tiles in a stream, and batches that begin and end within tiles.
+        let options = JobOptions { threshold: Some(40_000), batch_rays: 5000, ..JobOptions::default() };
+        let ask = service.closest(tracers.clone(), Arc::clone(&rays), options.clone());
+        let (hits, report) = ask.unwrap().wait().unwrap();
+        assert!(hits.len() == rays.len() && hits.iter().enumerate().all(|(i, hit)| hit.t == i as f32));
+        assert!(report.streams > 0 && report.cpu.rays + report.gpu.rays == 100_001, "{report:?}");
+        let (occluded, _) = service.occluded(tracers, rays, options).unwrap().wait().unwrap();
+        assert!(occluded.iter().enumerate().all(|(i, &occluded)| occluded == i as u32 % 2));
     }
 }
 

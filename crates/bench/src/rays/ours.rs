@@ -8,7 +8,6 @@ use raystream::query::{Mesh, SHARE_RAYS, in_shares};
 use raystream::schedule::{JobOptions, Service, Tracers};
 use raystream::stream::{Hit, Ray, Tracer};
 use raystream::trace::cpu::{CpuTracer, SingleRayTracer};
-use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -60,43 +59,41 @@ fn tracer_alone<'a>(
     contender(name, level, clock.threads(), Box::new(round))
 }
 
-/// `query::Mesh`, with the vector that it returns.
+/// `query::Mesh`, into memory that is already there.
 fn query(mesh: Mesh, kind: Kind, clock: Clock<'_>) -> Contender<'_> {
     let level = mesh.tracer().simd();
+    let (mut hits, mut occluded) = (Vec::new(), Vec::new());
     let round = move |rays: &Arc<[Ray]>| {
-        let (mut hits, mut occluded) = (Vec::new(), Vec::new());
-        let seconds = clock.seconds(|| {
+        hits.resize(if kind.is_any_hit() { 0 } else { rays.len() }, Hit::NONE);
+        occluded.resize(if kind.is_any_hit() { rays.len() } else { 0 }, false);
+        Ok(clock.seconds(|| {
             if kind.is_any_hit() {
-                occluded = mesh.occluded(rays);
+                mesh.occluded_into(rays, &mut occluded);
             } else {
-                hits = mesh.closest(rays);
+                mesh.closest_into(rays, &mut hits);
             }
-        });
-        black_box((hits, occluded));
-        Ok(seconds)
+        }))
     };
     contender("raystream query", level, clock.threads(), Box::new(round))
 }
 
-/// The service: from the rays to the vector of answers, with the job's start and end.
+/// The service: from the rays to the vector of answers, whose memory is already there, with the job's start and end.
 fn by_service(tracers: Tracers, service: &Service, kind: Kind) -> Contender<'_> {
     let threads = service.host_threads();
+    let (mut hits, mut occluded) = (Vec::new(), Vec::new());
     let round = move |rays: &Arc<[Ray]>| {
         let (tracers, rays, options) = (tracers.clone(), rays.clone(), JobOptions::default());
         let start = Instant::now();
         if kind.is_any_hit() {
-            let job = service.occluded(tracers, rays, options).expect("the default sizes fit");
-            let answers = job.wait().expect("the host's tracer does not panic");
-            let seconds = start.elapsed().as_secs_f64();
-            black_box(answers);
-            Ok(seconds)
+            let memory = std::mem::take(&mut occluded);
+            let job = service.occluded_into(tracers, rays, memory, options).expect("the default sizes fit");
+            occluded = job.wait().expect("the host's tracer does not panic").0;
         } else {
-            let job = service.closest(tracers, rays, options).expect("the default sizes fit");
-            let answers = job.wait().expect("the host's tracer does not panic");
-            let seconds = start.elapsed().as_secs_f64();
-            black_box(answers);
-            Ok(seconds)
+            let memory = std::mem::take(&mut hits);
+            let job = service.closest_into(tracers, rays, memory, options).expect("the default sizes fit");
+            hits = job.wait().expect("the host's tracer does not panic").0;
         }
+        Ok(start.elapsed().as_secs_f64())
     };
     contender("raystream service", SimdLevel::detect(), threads, Box::new(round))
 }

@@ -1,9 +1,9 @@
 //! Lists of all hits of many rays: found in streams, sorted ray by ray in a cache, appended to rows or columns.
 
-use super::huge_vectors::{grow, reserve_huge};
 use super::rays::{Rays, Rule};
 use super::target::Target;
 use super::world::WorldHit;
+use crate::huge_vectors::{grow, reserve_huge};
 use crate::stream::Hit;
 use rayon::prelude::*;
 use std::cell::Cell;

@@ -4,9 +4,9 @@ use super::closed::{OpenMesh, open_edges};
 use super::nearest::NearestPoint;
 use super::nearest_lanes::nearest_of_each;
 use super::points::Points;
-use super::shares::answers;
+use super::shares::answers_in_shares;
 use super::target::{RayQueries, Target};
-use super::tree_tracers::TreeTracers;
+use super::tree_tracers::{SHARE_RAYS, TreeTracers};
 use crate::bvh::{Bvh, GeometryError};
 use crate::geom::MAX_COORDINATE;
 use crate::stream::{Hit, Ray};
@@ -245,9 +245,7 @@ impl Mesh {
     /// The nearest hit of every ray, or [`Hit::NONE`]. Of equally near hits the one with the lowest primitive
     /// id.
     pub fn closest(&self, rays: &[Ray]) -> Vec<Hit> {
-        let mut hits = answers(Hit::NONE, rays.len());
-        self.closest_into(rays, &mut hits);
-        hits
+        answers_in_shares(rays, Hit::NONE, SHARE_RAYS, |_, rays, hits| self.tracers.closest_here(rays, hits))
     }
 
     /// [`Mesh::closest`] into memory of the caller, as many hits as rays.

@@ -51,7 +51,6 @@ mod closed;
 mod columns;
 mod crossings;
 mod hemispheres;
-mod huge_vectors;
 mod instance_starts;
 mod lists;
 mod mesh;

@@ -1,24 +1,46 @@
 //! Divides a slice of rays into shares for the threads of a pool (guided self-scheduling).
+//!
+//! Unsafe code, for answers in memory that has not been written yet. Invariants:
+//! 1. Every ray is in one share, and `in_shares` returns when all shares have been traced; each of them writes all its
+//!    places first.
+//! 2. A place that has been written holds a value.
+#![allow(unsafe_code, reason = "the invariants above")]
 
 use super::columns::Divide;
+use crate::huge_vectors;
 use crate::stream::Ray;
 use rayon::prelude::*;
 use std::iter;
+use std::mem::MaybeUninit;
 
 /// Length of the shortest share but the last. Waiting for another thread costs less than tracing fewer rays
 /// at once.
 const MIN_SHARE: usize = 1024;
 
-/// Number of answers that one thread writes first.
-const WRITTEN_AT_ONCE: usize = 1 << 15;
+/// One answer for each ray, by [`in_shares`]. `trace` finds `none` in its answers, and writes others over it. New
+/// memory is written by the thread that traces into it, just before: the operating system provides the pages of a large
+/// vector at the first write, which takes longer than tracing the rays on many threads.
+pub fn answers_in_shares<T: Copy + Send + Sync>(
+    rays: &[Ray],
+    none: T,
+    most: usize,
+    trace: impl Fn(usize, &[Ray], &mut [T]) + Sync,
+) -> Vec<T> {
+    let mut answers = huge_vectors::with_capacity(rays.len());
+    let places = &mut answers.spare_capacity_mut()[..rays.len()];
+    in_shares(rays, places, most, |first, rays, places| trace(first, rays, written(places, none)));
+    // SAFETY: invariant 1.
+    unsafe { answers.set_len(rays.len()) };
+    answers
+}
 
-/// As many answers of one value. All threads of the current rayon pool write many of them: the operating system
-/// provides the pages of a large vector at the first write, which takes longer than tracing the rays on many threads.
-pub fn answers<T: Copy + Send + Sync>(value: T, len: usize) -> Vec<T> {
-    if len <= WRITTEN_AT_ONCE {
-        return vec![value; len];
+/// Writes a value into all places.
+fn written<T: Copy>(places: &mut [MaybeUninit<T>], value: T) -> &mut [T] {
+    for place in &mut *places {
+        place.write(value);
     }
-    rayon::iter::repeat_n(value, len).with_min_len(WRITTEN_AT_ONCE).collect()
+    // SAFETY: invariant 2.
+    unsafe { places.assume_init_mut() }
 }
 
 /// Traces `rays` into `answers`, as many, in shares of at most `most` rays: `trace` is called with the index of
@@ -101,9 +123,16 @@ mod tests {
     }
 
     #[test]
-    fn answers_have_their_value_whoever_writes_them() {
-        for len in [0, 1, WRITTEN_AT_ONCE, 3 * WRITTEN_AT_ONCE + 1] {
-            assert_eq!(answers(7, len), vec![7; len]);
+    fn every_answer_is_written_whoever_traces_its_ray() {
+        for len in [0, 1, 1025, 300_001] {
+            let rays = vec![Ray::new(Vec3::ZERO, Vec3::X); len];
+            let answers = answers_in_shares(&rays, 0, 4096, |first, _, answers| {
+                for (place, answer) in answers.iter_mut().enumerate().step_by(2) {
+                    assert_eq!(std::mem::replace(answer, first + place), 0);
+                }
+            });
+            let is_right = |(place, &answer): (usize, &usize)| answer == place || answer == 0;
+            assert!(answers.len() == len && answers.iter().enumerate().all(is_right));
         }
     }
 

@@ -1,7 +1,7 @@
 //! The tracers of a tree, and which of them a call uses.
 
 use super::normals::{KeptNormals, TriangleNormals};
-use super::shares::{answers, in_shares};
+use super::shares::{answers_in_shares, in_shares};
 use crate::bvh::Bvh;
 use crate::stream::{Hit, Ray, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel, SingleRayTracer};
@@ -87,9 +87,7 @@ impl TreeTracers {
 
     /// For each ray, true if it hits anything.
     pub fn occluded(&self, rays: &[Ray]) -> Vec<bool> {
-        let mut occluded = vec![false; rays.len()];
-        self.occluded_into(rays, &mut occluded);
-        occluded
+        answers_in_shares(rays, false, SHARE_RAYS, |_, rays, occluded| self.occluded_here(rays, occluded))
     }
 
     /// [`TreeTracers::occluded`] into memory of the caller.
@@ -116,11 +114,9 @@ impl TreeTracers {
 
     /// The nearest hit of each ray among those that `accepts` returns true for.
     pub fn closest_where(&self, rays: &[Ray], accepts: &(dyn Fn(usize, &Hit) -> bool + Sync)) -> Vec<Hit> {
-        let mut hits = answers(Hit::NONE, rays.len());
-        in_shares(rays, &mut hits, SHARE_RAYS, |first, rays, hits| {
+        answers_in_shares(rays, Hit::NONE, SHARE_RAYS, |first, rays, hits| {
             self.single.closest_where(rays, hits, &mut |ray, hit| accepts(first + ray, hit));
-        });
-        hits
+        })
     }
 
     /// All hits of all rays, and which of them are of each ray.

@@ -2,7 +2,7 @@
 
 use super::instance_starts::InstanceStarts;
 use super::mesh::{Mesh, normal};
-use super::shares::{answers, in_shares};
+use super::shares::{answers_in_shares, in_shares};
 use super::target::{RayQueries, Target};
 use super::tree_tracers::{SHARE_RAYS, TreeTracers};
 use crate::bvh::{Bvh, PRIMITIVE, TreeInstance};
@@ -354,9 +354,7 @@ impl World {
     /// The nearest hit of every ray, or [`WorldHit::NONE`]. Of equally near hits the one of the first instance, and
     /// there the one with the lowest primitive id.
     pub fn closest(&self, rays: &[Ray]) -> Vec<WorldHit> {
-        let mut hits = answers(WorldHit::NONE, rays.len());
-        self.closest_into(rays, &mut hits);
-        hits
+        answers_in_shares(rays, WorldHit::NONE, SHARE_RAYS, |_, rays, hits| self.closest_here(rays, hits))
     }
 
     /// [`World::closest`] into memory of the caller, as many hits as rays.
@@ -365,13 +363,16 @@ impl World {
     /// If the two lengths differ.
     pub fn closest_into(&self, rays: &[Ray], hits: &mut [WorldHit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
-        in_shares(rays, hits, SHARE_RAYS, |_, rays, hits| {
-            let mut of_tree = HITS.take();
-            of_tree.resize(rays.len(), Hit::NONE);
-            self.tracers().closest_here(rays, &mut of_tree);
-            hits.iter_mut().zip(&of_tree).for_each(|(hit, of_tree)| *hit = self.hit(of_tree));
-            HITS.set(of_tree);
-        });
+        in_shares(rays, hits, SHARE_RAYS, |_, rays, hits| self.closest_here(rays, hits));
+    }
+
+    /// [`World::closest_into`] on the calling thread.
+    fn closest_here(&self, rays: &[Ray], hits: &mut [WorldHit]) {
+        let mut of_tree = HITS.take();
+        of_tree.resize(rays.len(), Hit::NONE);
+        self.tracers().closest_here(rays, &mut of_tree);
+        hits.iter_mut().zip(&of_tree).for_each(|(hit, of_tree)| *hit = self.hit(of_tree));
+        HITS.set(of_tree);
     }
 
     /// [`World::closest`] of a single ray.

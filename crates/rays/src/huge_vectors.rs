@@ -6,8 +6,15 @@
 
 use std::collections::TryReserveError;
 
-/// Vectors of fewer bytes stay as they are.
-const LEAST_BYTES: usize = 8 << 20;
+/// Vectors of fewer bytes stay as they are: they may have no huge page within them.
+const LEAST_BYTES: usize = 4 << 20;
+
+/// An empty vector with room for so many elements.
+pub fn with_capacity<T>(len: usize) -> Vec<T> {
+    let mut vector = Vec::with_capacity(len);
+    advise(&mut vector);
+    vector
+}
 
 /// Makes room for more elements.
 ///
