@@ -37,21 +37,11 @@ pub fn run(args: &TraceArgs) -> Result<Outcome> {
         units.add(report);
         events.recover(report.events.iter().cloned());
     };
-    let tracers = || setup.prepared.tracers.clone();
-    let job = || JobOptions::default().with_policy(setup.policy).with_caller_rays(0);
-    let mut answer = Answer::Closest(Vec::new());
+    let mut answer = if args.any_hit { Answer::Any(Vec::new()) } else { Answer::Closest(Vec::new()) };
     for _ in 0..args.repeat {
-        if args.any_hit {
-            let (occluded, report) =
-                setup.service.occluded(tracers(), rays.clone(), job())?.wait().context("tracing failed")?;
-            note(&report);
-            answer = Answer::Any(occluded);
-        } else {
-            let (hits, report) =
-                setup.service.closest(tracers(), rays.clone(), job())?.wait().context("tracing failed")?;
-            note(&report);
-            answer = Answer::Closest(hits);
-        }
+        let (next, report) = answer.again(&setup, &rays)?;
+        note(&report);
+        answer = next;
     }
     answer.write(args)?;
     events.recover(setup.idle_fault());
@@ -115,6 +105,25 @@ enum Answer {
 }
 
 impl Answer {
+    /// Asks for the answer again, in the same memory.
+    fn again(self, setup: &Setup, rays: &Arc<[Ray]>) -> Result<(Self, JobReport)> {
+        let (service, tracers, rays) = (&setup.service, setup.prepared.tracers.clone(), Arc::clone(rays));
+        let job = JobOptions::default().with_policy(setup.policy).with_caller_rays(0);
+        const FAILED: &str = "tracing failed";
+        Ok(match self {
+            Self::Closest(hits) => {
+                let (hits, report) =
+                    service.closest_into(tracers, rays, hits, job)?.wait().context(FAILED)?;
+                (Self::Closest(hits), report)
+            }
+            Self::Any(occluded) => {
+                let (occluded, report) =
+                    service.occluded_into(tracers, rays, occluded, job)?.wait().context(FAILED)?;
+                (Self::Any(occluded), report)
+            }
+        })
+    }
+
     fn hits(&self) -> usize {
         match self {
             Self::Closest(hits) => hits.iter().filter(|hit| !hit.is_miss()).count(),
