@@ -1,21 +1,22 @@
-//! The answers of a query: one vector, of which threads write parts.
+//! The answers of a query: one vector, which threads write in parts.
 //!
-//! Unsafe code, since several threads write into the same vector, and since its memory is not written before. Invariants:
-//! 1. `memory` is that of a vector with `capacity` elements, of which no one else has a reference.
+//! Unsafe code, since several threads write into the same vector, and since its memory is not written before.
+//! Invariants:
+//! 1. `memory` is that of a vector with `capacity` elements, to which no one else has a reference.
 //! 2. Part `i` is the elements from `i * part_len` on. It is used by whoever holds the lock of its state alone, and not
 //!    at all once that is [`State::Taken`].
 //! 3. The first `former` elements hold values, and all elements of a part whose state is [`State::Used`].
 //! 4. A vector that is taken consists of the used parts before the first one that is not; elements have no `drop`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
-use raystream_rays::huge_vectors;
+use crate::memory::huge_vectors;
 use std::mem::{ManuallyDrop, MaybeUninit};
 use std::ops::{Deref, DerefMut};
 use std::slice;
 use std::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What has become of a part.
+/// State of a part.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     /// No one has used it.
@@ -25,8 +26,8 @@ enum State {
     Taken,
 }
 
-/// A vector in parts of one length; the last one may be shorter. The thread that uses a part first makes its memory: the
-/// operating system provides the pages of large memory at the first write, which takes one thread longer than many
+/// A vector in parts of one length; the last one may be shorter. The thread that uses a part first makes its memory:
+/// the operating system provides the pages of large memory at the first write, which takes one thread longer than many
 /// threads take to trace rays.
 pub(super) struct AnswerParts<A> {
     memory: AtomicPtr<A>,
@@ -45,7 +46,8 @@ pub(super) struct Part<'a, A> {
 }
 
 impl<A: Copy + Default + Send + Sync> AnswerParts<A> {
-    /// So many, none of them written, in parts of `part_len`, which is at least 1: in a vector's memory if that suffices.
+    /// So many, none of them written, in parts of `part_len`, which is at least 1: in a vector's memory if that
+    /// suffices.
     pub fn new(memory: Vec<A>, len: usize, part_len: usize) -> Self {
         let suffices = memory.capacity() >= len;
         let memory = if suffices { memory } else { huge_vectors::with_capacity(len) };

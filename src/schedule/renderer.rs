@@ -95,8 +95,8 @@ pub trait SeeThrough {
 /// Tiles of rays that lie in memory already, and from whose hits no others follow. Host threads trace them there where
 /// no device takes part: copying them into a stream, and their answers out of it, can take longer than to trace them.
 pub trait InPlace {
-    /// Traces all rays of a tile and keeps their answers, in place of [`Renderer::spawn`]. Returns how many there were, at
-    /// most [`Renderer::tile_rays`].
+    /// Traces all rays of a tile and keeps their answers, in place of [`Renderer::spawn`]. Returns how many there were,
+    /// at most [`Renderer::tile_rays`].
     fn trace(&self, tile: u64, tracer: &dyn Tracer) -> RayCounts;
 }
 

@@ -1,13 +1,14 @@
-//! What a task under way counts for.
+//! Accounts of tasks under way.
 
 use super::Rule;
 use super::lists::Waits;
 use super::report::TaskKind;
 
+/// The share of a task under way in its job.
 #[derive(Clone, Copy)]
 pub(super) struct TaskAccount {
     pub rule: Rule,
-    /// What the timeline calls the task. What the device thread does is seen there as what the device does.
+    /// The task in the timeline. What the device thread does is seen there as what the device does.
     pub kind: Option<TaskKind>,
     /// Paths in flight in the task's streams, and those that it may spawn. 0 for a chunk, whose paths are counted with
     /// its stream.

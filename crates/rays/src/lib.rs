@@ -26,8 +26,6 @@ pub use {bytemuck, glam};
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]
 pub mod bvh;
 pub mod geom;
-#[doc(hidden)]
-pub mod huge_vectors;
 pub mod lanes;
 pub mod memory;
 #[cfg_attr(not(feature = "unstable"), doc(hidden))]

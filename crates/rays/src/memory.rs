@@ -3,6 +3,9 @@
 //! Whoever is about to allocate counts the bytes first and asks the budget, so that a small file or a slip of the
 //! keyboard is refused with both numbers, and the process is never killed for it.
 
+#[doc(hidden)]
+pub mod huge_vectors;
+
 use std::path::Path;
 
 /// The most bytes that a process may take. A plain value: callers add up what they hold.

@@ -19,10 +19,15 @@ pub(crate) fn warn_if_unoptimised() {
     }
 }
 
-const UNOPTIMISED: &str = "raystream was compiled without optimisation and is about 100 times slower. Put these two \
-                           lines into the Cargo.toml of your workspace:\n\
+const UNOPTIMISED: &str = "raystream was compiled without optimisation and is about 100 times slower. Put these \
+                           lines into the Cargo.toml of your workspace; all but the first two only make building \
+                           shorter:\n\
                            [profile.dev.package.\"*\"]\n\
-                           opt-level = 3";
+                           opt-level = 3\n\
+                           codegen-units = 16\n\
+                           debug = false\n\
+                           debug-assertions = false\n\
+                           overflow-checks = false";
 
 /// Logs a warning, or prints it where no logger is installed.
 #[doc(hidden)]

@@ -3,7 +3,7 @@
 use super::rays::{Rays, Rule};
 use super::target::Target;
 use super::world::WorldHit;
-use crate::huge_vectors::{grow, reserve_huge};
+use crate::memory::huge_vectors::{grow, reserve_huge};
 use crate::stream::Hit;
 use rayon::prelude::*;
 use std::cell::Cell;

@@ -7,7 +7,7 @@
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::columns::Divide;
-use crate::huge_vectors;
+use crate::memory::huge_vectors;
 use crate::stream::Ray;
 use rayon::prelude::*;
 use std::iter;
