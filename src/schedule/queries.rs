@@ -1,7 +1,7 @@
 //! Ray queries as jobs: rays in, hits or occlusion out. Each query is a small renderer, so it is traced by the same
 //! units as frames: in streams where a device takes part, else where the rays are.
 
-use super::answer_parts::{AnswerParts, Part};
+use super::answer_parts::AnswerParts;
 use super::service::unit_used;
 use super::{
     Batch, InPlace, JobControl, JobError, JobHandle, JobOptions, JobReport, LimitsError, Output, Priority,
@@ -19,9 +19,6 @@ const STREAM_RAYS: usize = 16 * 1024;
 
 /// The most rays of a tile that is traced in place. Large, so that the lists are visited seldom.
 const MOST_IN_PLACE: usize = 32 * 1024;
-
-/// The fewest rays of such a tile, if there are as many: a visit to the lists takes as long as to trace a few of them.
-const LEAST_IN_PLACE: usize = 1024;
 
 /// Tiles for each host thread, if there are several, so that all of them end at about the same time.
 const TILES_A_THREAD: usize = 8;
@@ -111,7 +108,7 @@ impl Service {
         }
         let (hosts, device_thread) = self.inner.threads();
         let tile_rays = match unit_used(&tracers, "", device_thread).0 {
-            Unit::Cpu => tile_in_place(rays.len(), hosts),
+            Unit::Cpu => tile_in_place(rays.len(), hosts, &options),
             Unit::Gpu | Unit::Hybrid => STREAM_RAYS,
         };
         let query = Arc::new(Query::new(rays, memory, tile_rays)?);
@@ -120,10 +117,11 @@ impl Service {
     }
 }
 
-/// Rays of a tile of so many that host threads trace in place.
-fn tile_in_place(rays: usize, hosts: usize) -> usize {
+/// Rays of a tile of so many that host threads trace in place. It is bounded as a chunk of a stream is.
+fn tile_in_place(rays: usize, hosts: usize, options: &JobOptions) -> usize {
     let fair = if hosts == 1 { rays } else { rays / (TILES_A_THREAD * hosts) };
-    fair.clamp(LEAST_IN_PLACE, MOST_IN_PLACE)
+    let most = options.chunk_rays_most.min(options.in_flight.unwrap_or(usize::MAX)).min(MOST_IN_PLACE);
+    fair.max(options.chunk_rays).min(most).max(1)
 }
 
 /// A query's answers, one for each ray in the order of the rays, with its report.
@@ -335,16 +333,12 @@ impl<A: Copy + Default + Send + Sync> Query<A> {
         let tile_of = |number: u32| number as usize / self.tile_rays;
         for run in numbers.chunk_by(|&a, &b| tile_of(a) == tile_of(b)) {
             let (head, rest) = answers.split_at(run.len());
-            let mut tile = self.part(tile_of(run[0]));
+            let mut tile = self.answers.part(tile_of(run[0]));
             for (&number, &answer) in run.iter().zip(head) {
                 tile[number as usize % self.tile_rays] = answer;
             }
             answers = rest;
         }
-    }
-
-    fn part(&self, tile: usize) -> Part<'_, A> {
-        self.answers.part(tile)
     }
 
     /// The answers of all tiles that were spawned.
@@ -390,7 +384,7 @@ impl<A: Answer> Renderer for Query<A> {
     fn spawn(&self, tile: u64, out: &mut Output<'_, u32, u32>) {
         let (first, rays) = self.tile(tile);
         // Its memory, by this thread, and at the latest now: answers of a tile without any are no answers.
-        drop(self.part(tile as usize));
+        drop(self.answers.part(tile as usize));
         (first..).zip(rays).for_each(|(number, &ray)| A::emit(out, ray, number));
     }
 
@@ -410,7 +404,7 @@ impl<A: Answer> Renderer for Query<A> {
 impl<A: Answer> InPlace for Query<A> {
     fn trace(&self, tile: u64, tracer: &dyn Tracer) -> RayCounts {
         let (_, rays) = self.tile(tile);
-        A::trace(tracer, rays, &mut self.part(tile as usize));
+        A::trace(tracer, rays, &mut self.answers.part(tile as usize));
         A::count(rays.len() as u64)
     }
 }

@@ -62,6 +62,22 @@ fn queries_answer_each_ray_in_its_place() {
 }
 
 #[test]
+fn tiles_in_place_are_no_larger_than_chunks_and_what_may_be_in_flight() {
+    let service = service(1, false);
+    let rays: Arc<[Ray]> = vec![Ray { origin: [3.0, 7.0, 0.0], ..Ray::default() }; 10_000].into();
+    let longest = |options: JobOptions| {
+        let ask = service.closest(Tracers::cpu(Arc::new(ByOrigin)), Arc::clone(&rays), options);
+        let (hits, report) = ask.unwrap().wait().unwrap();
+        assert_eq!(hits.len(), 10_000);
+        report.timeline.iter().map(|task| task.rays).max()
+    };
+    let options = || JobOptions::default().with_timeline(true);
+    assert_eq!(longest(options()), Some(10_000));
+    assert_eq!(longest(options().with_chunk_rays(100, 700)), Some(700));
+    assert_eq!(longest(JobOptions { in_flight: Some(3000), threshold: Some(1000), ..options() }), Some(3000));
+}
+
+#[test]
 fn memory_of_answers_is_used_again() {
     let service = service(2, false);
     let tracers = Tracers::cpu(Arc::new(ByOrigin));
