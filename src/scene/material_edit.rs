@@ -1,6 +1,6 @@
 //! Edits of materials: a new appearance of the same geometry.
 
-use super::{Colour, Emission, Material, Principled, Scalar, Surface};
+use super::{Colour, Emission, Material, OpenPbr, Principled, Scalar, Surface};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ pub const MAX_EDITED_RADIANCE: f32 = 1e4;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaterialEdit {
-    /// Base colour, linear Rec. 709, 0 to 1.
+    /// Base colour, linear Rec. 709, 0 to 1; of glass the share of light that it lets pass.
     pub base_colour: Option<Vec3>,
     /// Perceptual roughness, 0 to 1.
     pub roughness: Option<f32>,
@@ -32,9 +32,7 @@ pub enum MaterialEditError {
     #[error("emission is 0 to {MAX_EDITED_RADIANCE}")]
     Emission,
     /// The surface has no base colour, roughness and metallic.
-    #[error(
-        "material {0:?} is computed by a shader, mixed, glass or OpenPBR's; only its emission can be edited"
-    )]
+    #[error("material {0:?} is computed by a shader or mixed; only its emission can be edited")]
     Surface(String),
 }
 
@@ -72,19 +70,22 @@ impl MaterialEdit {
     pub fn apply(&self, material: &mut Material) -> Result<(), MaterialEditError> {
         self.check()?;
         if self.base_colour.is_some() || self.roughness.is_some() || self.metallic.is_some() {
-            let of_shader = || MaterialEditError::Surface(material.name.clone());
-            let mut surface = material.principled().ok_or_else(of_shader)?;
-            if let Some(colour) = self.base_colour {
-                surface.base_colour.factor = colour;
-            }
-            if let Some(roughness) = self.roughness {
-                surface.roughness = Scalar { factor: roughness, ..surface.roughness };
-                surface.glossiness = None;
-            }
-            if let Some(metallic) = self.metallic {
-                surface.metallic = Scalar { factor: metallic, ..surface.metallic };
-            }
-            material.surface = Surface::Principled(surface);
+            let surface = match material.surface {
+                Surface::OpenPbr(surface) => Surface::OpenPbr(self.of_openpbr(surface)),
+                Surface::Dielectric { ior, transmittance } => {
+                    let smooth = Scalar::constant(0.0);
+                    Surface::Principled(self.of_principled(Principled::glass(
+                        ior.max(1.0),
+                        transmittance,
+                        smooth,
+                    )))
+                }
+                _ => {
+                    let of_shader = || MaterialEditError::Surface(material.name.clone());
+                    Surface::Principled(self.of_principled(material.principled().ok_or_else(of_shader)?))
+                }
+            };
+            material.surface = surface;
         }
         if let Some(light) = self.emission {
             let old = material.emission.take();
@@ -95,9 +96,75 @@ impl MaterialEdit {
         }
         Ok(())
     }
+
+    fn of_principled(&self, mut surface: Principled) -> Principled {
+        if let Some(colour) = self.base_colour {
+            surface.base_colour.factor = colour;
+        }
+        if let Some(roughness) = self.roughness {
+            surface.roughness.factor = roughness;
+            surface.glossiness = None;
+        }
+        if let Some(metallic) = self.metallic {
+            surface.metallic.factor = metallic;
+        }
+        surface
+    }
+
+    fn of_openpbr(&self, mut surface: OpenPbr) -> OpenPbr {
+        if let Some(colour) = self.base_colour {
+            surface.base_color.factor = colour;
+        }
+        if let Some(roughness) = self.roughness {
+            surface.specular_roughness.factor = roughness;
+        }
+        if let Some(metallic) = self.metallic {
+            surface.base_metalness.factor = metallic;
+        }
+        surface
+    }
+}
+
+/// What a [`MaterialEdit`] changes of a surface, as it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Appearance {
+    /// Base colour, linear Rec. 709.
+    pub base_colour: Vec3,
+    /// Perceptual roughness.
+    pub roughness: f32,
+    /// Share of metal.
+    pub metallic: f32,
+    /// True if textures multiply some of these values.
+    pub is_textured: bool,
 }
 
 impl Material {
+    /// What a [`MaterialEdit`] changes. `None` if the surface has no base colour, roughness and metallic.
+    pub fn appearance(&self) -> Option<Appearance> {
+        let (colour, roughness, metallic) = match self.surface {
+            Surface::OpenPbr(surface) => {
+                (surface.base_color, surface.specular_roughness, surface.base_metalness)
+            }
+            Surface::Dielectric { transmittance, .. } => {
+                (Colour::constant(transmittance), Scalar::constant(0.0), Scalar::constant(0.0))
+            }
+            _ => {
+                let surface = self.principled()?;
+                let roughness = match surface.glossiness {
+                    Some(glossiness) => Scalar { factor: 1.0 - glossiness.factor, ..glossiness },
+                    None => surface.roughness,
+                };
+                (surface.base_colour, roughness, surface.metallic)
+            }
+        };
+        Some(Appearance {
+            base_colour: colour.factor,
+            roughness: roughness.factor,
+            metallic: metallic.factor,
+            is_textured: !colour.is_constant() || roughness.texture.is_some() || metallic.texture.is_some(),
+        })
+    }
+
     /// The surface as metallic-roughness. `None` for surfaces that are not matte, mirrors or metallic-roughness.
     pub fn principled(&self) -> Option<Principled> {
         match self.surface {
@@ -150,6 +217,29 @@ mod tests {
         assert!(wall.emission.is_some());
         light(0.0).apply(&mut wall).expect("in range");
         assert_eq!(wall.emission, None);
+    }
+
+    #[test]
+    fn glass_and_openpbr_are_edited_as_what_they_are() {
+        let edit = MaterialEdit { roughness: Some(0.4), metallic: Some(0.5), ..red() };
+        let red = Appearance { base_colour: Vec3::X, roughness: 0.4, metallic: 0.5, is_textured: false };
+        let mut paint = Material::matte("paint", Vec3::ONE);
+        let coated = OpenPbr { coat: Some(super::super::OpenPbrCoat::default()), ..OpenPbr::default() };
+        paint.surface = Surface::OpenPbr(coated);
+        edit.apply(&mut paint).expect("in range");
+        assert_eq!(paint.appearance(), Some(red));
+        let Surface::OpenPbr(OpenPbr { coat, .. }) = paint.surface else { panic!("{:?}", paint.surface) };
+        assert_eq!(coat, coated.coat);
+
+        let mut pane = Material::matte("pane", Vec3::ONE);
+        pane.surface = Surface::Dielectric { ior: 1.4, transmittance: Vec3::splat(0.9) };
+        let clear = pane.appearance().expect("editable");
+        assert_eq!((clear.base_colour, clear.roughness), (Vec3::splat(0.9), 0.0));
+        let frosted = MaterialEdit { roughness: Some(0.3), ..MaterialEdit::default() };
+        frosted.apply(&mut pane).expect("in range");
+        let glass = pane.principled().expect("a surface");
+        assert_eq!((glass.ior, glass.transmission.factor, glass.roughness.factor), (1.4, 1.0, 0.3));
+        assert_eq!(pane.appearance(), Some(Appearance { roughness: 0.3, ..clear }));
     }
 
     #[test]

@@ -84,7 +84,7 @@ pub use footprint::Footprint;
 pub use instance::{Instance, Shape};
 pub use light::{Light, LightShape};
 pub use material::{Alpha, AlphaMode, Colour, Emission, Material, NormalMap, Scalar, Surface};
-pub use material_edit::{MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
+pub use material_edit::{Appearance, MAX_EDITED_RADIANCE, MaterialEdit, MaterialEditError};
 pub use medium::Medium;
 pub use mesh::{MAX_TRIANGLES, MeshError, TriangleMesh};
 pub(crate) use mesh_size::MeshSize;

@@ -1,7 +1,8 @@
 //! Arbitrary triangles and rays, bit by bit against the definition: at every SIMD level, in random
 //! splits, with and without a filter, on built and on refitted trees.
 //!
-//! Runs for `RAYSTREAM_FUZZ_SECONDS` (default 3). A failure names its seed; `RAYSTREAM_FUZZ_SEED` runs that alone.
+//! Runs for `RAYSTREAM_FUZZ_SECONDS` (default 3), and on until `RAYSTREAM_FUZZ_QUERIES` answers have been compared
+//! (default 0). A failure names its seed; `RAYSTREAM_FUZZ_SEED` runs that alone.
 
 use glam::Vec3;
 use raystream::bvh::{Bvh, Filter};
@@ -208,8 +209,8 @@ impl Case {
         best
     }
 
-    /// Compares every tracer with the definition.
-    fn check(&self, bvh: &Arc<Bvh>, random: &mut Random, what: &str) {
+    /// Compares every tracer with the definition. Returns the number of answers that were compared.
+    fn check(&self, bvh: &Arc<Bvh>, random: &mut Random, what: &str) -> u64 {
         assert_eq!(bvh.validate(), Ok(()), "{what}");
         let bits = |hit: &Hit| [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.primitive];
         let expected: Vec<Hit> = self.rays.iter().map(|ray| self.expected(ray)).collect();
@@ -219,6 +220,7 @@ impl Case {
             let tracer = CpuTracer::new(bvh.clone(), self.filter.clone(), level).expect("available");
             tracers.push((level.name(), Box::new(tracer)));
         }
+        let mut answers = 0;
         for (name, tracer) in tracers {
             let mut at = 0;
             while at < self.rays.len() {
@@ -232,25 +234,28 @@ impl Case {
                     assert_eq!(bits(&hits[i]), bits(wanted), "{what}, {name}: {:?}", rays[i]);
                     assert_eq!(occluded[i], u32::from(!wanted.is_miss()), "{what}, {name}: {:?}", rays[i]);
                 }
+                answers += 2 * rays.len() as u64;
                 at = end;
             }
         }
+        answers
     }
 }
 
-/// One case from its seed.
-fn run(seed: u64) {
+/// One case from its seed. Returns the number of answers that were compared.
+fn run(seed: u64) -> u64 {
     let random = &mut Random(seed);
     let mut case = Case::new(random);
     let mut bvh = Arc::new(Bvh::build(&case.positions, &case.triangles, is_masked));
-    case.check(&bvh, random, &format!("seed {seed}, built"));
+    let mut answers = case.check(&bvh, random, &format!("seed {seed}, built"));
     if random.below(2) == 0 {
         let taste = Taste::any(random);
         case.positions.iter_mut().for_each(|position| *position = taste.point(random));
         let refit = Arc::make_mut(&mut bvh).refit(&case.positions, &case.triangles);
         assert_eq!(refit, Ok(()), "seed {seed}");
-        case.check(&bvh, random, &format!("seed {seed}, refitted"));
+        answers += case.check(&bvh, random, &format!("seed {seed}, refitted"));
     }
+    answers
 }
 
 fn variable(name: &str) -> Option<u64> {
@@ -261,18 +266,20 @@ fn variable(name: &str) -> Option<u64> {
 #[test]
 fn every_tracer_follows_the_definition_on_arbitrary_input() {
     if let Some(seed) = variable("RAYSTREAM_FUZZ_SEED") {
-        return run(seed);
+        run(seed);
+        return;
     }
+    let least = variable("RAYSTREAM_FUZZ_QUERIES").unwrap_or(0);
     let budget = Duration::from_secs(variable("RAYSTREAM_FUZZ_SECONDS").unwrap_or(3));
     // Always the same first ones, then others each day.
     let day = std::time::SystemTime::UNIX_EPOCH.elapsed().map_or(0, |age| age.as_secs() / 86_400);
     let start = Instant::now();
-    let mut cases = 0;
-    while cases < 200 || start.elapsed() < budget {
-        run(if cases < 200 { cases } else { (day << 32) | cases });
+    let (mut cases, mut answers) = (0, 0);
+    while cases < 200 || start.elapsed() < budget || answers < least {
+        answers += run(if cases < 200 { cases } else { (day << 32) | cases });
         cases += 1;
     }
-    println!("{cases} cases");
+    println!("{cases} cases, {answers} answers");
 }
 
 #[test]

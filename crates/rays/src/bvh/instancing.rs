@@ -5,7 +5,7 @@ use super::Bvh;
 use super::child::{Child, WIDTH};
 use super::huge_pages::HugePages;
 use super::leaf_block::LeafBlocks;
-use super::supports::negated;
+use super::supports::{EIGHT, moved_bounds, negated};
 use super::wide_tree::{WideNode, WideTree};
 use crate::geom::{Aabb, Placement};
 use crate::lanes::{LaneTask, Lanes, SimdLevel};
@@ -28,7 +28,7 @@ pub struct TreeInstance {
 impl TreeInstance {
     /// A tree moved by `placement`. Its primitive ids count from `first_primitive`.
     pub fn placed(tree: Arc<Bvh>, placement: Placement, first_primitive: u32) -> Self {
-        let bounds = moved_bounds(&tree, &placement);
+        let bounds = smallest_bounds(&tree, &placement);
         tree.make_diagonals(&placement);
         Self { tree, placement: Some(placement), first_primitive, bounds }
     }
@@ -48,7 +48,7 @@ impl TreeInstance {
 
 /// The smallest box around the moved triangles of a tree. Moves few of them: a subtree whose moved box lies inside the
 /// box found so far cannot enlarge it.
-fn moved_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
+fn smallest_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
     let (mut found, mut stack) = (Aabb::EMPTY, vec![(Child::ROOT, tree.bounds)]);
     while let Some((child, bounds)) = stack.pop() {
         if found.contains(&placement.bounds(&bounds)) {
@@ -69,7 +69,7 @@ fn moved_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
 
 /// A box around the moved triangles of a tree.
 fn rough_bounds(tree: &Bvh, placement: &Placement) -> Aabb {
-    if tree.is_empty() { Aabb::EMPTY } else { tree.supports().moved_bounds(&tree.bounds, placement) }
+    if tree.is_empty() { Aabb::EMPTY } else { moved_bounds(&[(tree, placement); EIGHT])[0] }
 }
 
 /// A face of an instance's box: what its coordinate is at most, in size, and which it is. The upper faces come first.
@@ -160,21 +160,19 @@ impl Bvh {
     ///
     /// # Panics
     /// If there is not one placement for each instance.
-    pub fn move_instances<P: Into<Option<Placement>>>(
-        &mut self,
-        placements: impl ExactSizeIterator<Item = P>,
-    ) {
+    pub fn move_instances<P: Into<Option<Placement>>>(&mut self, placements: impl IntoIterator<Item = P>) {
+        let mut placements = placements.into_iter();
         let Some(instances) = &mut self.instances else {
-            assert_eq!(placements.len(), 0, "a tree of triangles has no instances");
+            assert!(placements.next().is_none(), "a tree of triangles has no instances");
             return;
         };
-        assert_eq!(placements.len(), instances.all.len(), "one placement per instance");
-        for (instance, placement) in instances.all.iter_mut().zip(placements) {
-            instance.placement = placement.into();
+        for instance in &mut instances.all {
+            instance.placement = placements.next().expect("one placement per instance").into();
             if let Some(placement) = &instance.placement {
                 instance.tree.make_diagonals(placement);
             }
         }
+        assert!(placements.next().is_none(), "one placement per instance");
         SimdLevel::run_eight(RoughBounds { instances: &mut instances.all });
         let nodes = &mut self.wide.nodes;
         SimdLevel::run_eight(Refit { nodes, instances: &instances.all });
@@ -211,7 +209,7 @@ impl Bvh {
     }
 }
 
-/// Sets the boxes of instances that have been moved, as [`rough_bounds`] does. A task, since it computes by eights.
+/// Sets the boxes of instances that have been moved. A task, since it computes by eights.
 struct RoughBounds<'a> {
     instances: &'a mut [TreeInstance],
 }
@@ -221,11 +219,22 @@ impl LaneTask for RoughBounds<'_> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, _: L) {
-        for TreeInstance { tree, placement, bounds, .. } in self.instances {
-            *bounds = match placement {
-                Some(placement) if !tree.is_empty() => tree.supports().moved_bounds(&tree.bounds, placement),
-                _ => tree.bounds,
+        for instances in self.instances.chunks_mut(EIGHT) {
+            let placed = |at: usize| {
+                let TreeInstance { tree, placement, .. } = instances.get(at)?;
+                Some((&**tree, placement.as_ref()?))
             };
+            let moved = (0..instances.len()).find_map(placed).map(|first| {
+                let mut trees = [first; EIGHT];
+                for (at, tree) in trees.iter_mut().enumerate() {
+                    *tree = placed(at).unwrap_or(first);
+                }
+                moved_bounds(&trees)
+            });
+            let moved = moved.unwrap_or([Aabb::EMPTY; EIGHT]);
+            for (instance, moved) in instances.iter_mut().zip(moved) {
+                instance.bounds = if instance.placement.is_some() { moved } else { instance.tree.bounds };
+            }
         }
     }
 }
@@ -241,7 +250,7 @@ impl LaneTask for Refit<'_> {
     type Output = ();
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<L: Lanes>(self, l: L) {
         let Self { nodes, instances } = self;
         // Children come after their parents.
         for at in (0..nodes.len()).rev() {
@@ -253,11 +262,11 @@ impl LaneTask for Refit<'_> {
                 let bounds = if child.is_block() {
                     instances[child.index()].bounds
                 } else {
-                    nodes[child.index()].union_of_children()
+                    nodes[child.index()].union_in(l)
                 };
                 nodes[at].set(slot, bounds, child);
             }
-            nodes[at].update_front_to_back();
+            nodes[at].update_front_to_back_in(l);
         }
     }
 }

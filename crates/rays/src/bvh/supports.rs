@@ -4,6 +4,7 @@
 use super::Bvh;
 use super::child::{Child, WIDTH};
 use crate::geom::{Aabb, Placement};
+use crate::lanes::from_index;
 use glam::Vec3;
 
 /// Cells along each edge of the cube of directions. With twice as many the boxes of a sphere would be 1 % smaller, and
@@ -22,17 +23,20 @@ const LAST: i32 = CELLS as i32 - 1;
 /// Half of the cells along an edge.
 const MIDDLE: f32 = CELLS as f32 / 2.0;
 
-/// Rows and their opposites, and two that mean nothing.
-const EIGHT: usize = 8;
+/// Number of trees whose boxes are moved together.
+pub(super) const EIGHT: usize = 8;
 
 /// Share of the terms of a coordinate by which it may be rounded: more than eight units of rounding.
 const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 
+/// Along a direction and along its opposite, the largest products of a tree's corners.
+type Reach = [f32; 2];
+
 /// The largest products of a tree's corners, in units of its box's size, with directions on a cube, whose components
-/// along the face's axis are 1 or -1. Two faces for each axis, the positive one first.
+/// along the face's axis are 1: a face for each axis, and the opposite directions.
 #[derive(Clone, Debug)]
 pub(super) struct Supports {
-    products: [[f32; FACE]; 6],
+    products: [[Reach; FACE]; 3],
     /// The size of the box; none is 0.
     size: Vec3,
     /// The largest coordinate of the tree.
@@ -43,96 +47,143 @@ pub(super) struct Supports {
 
 impl Supports {
     pub fn new(tree: &Bvh) -> Self {
-        let (mut products, reach) = ([[0.0; FACE]; 6], tree.bounds.max_abs());
+        let (mut products, reach) = ([[[0.0; 2]; FACE]; 3], tree.bounds.max_abs());
         let size = (tree.bounds.max - tree.bounds.min).max(Vec3::splat(reach * 1e-6 + f32::MIN_POSITIVE));
-        for (face, products) in products.iter_mut().enumerate() {
+        for (axis, products) in products.iter_mut().enumerate() {
             for (at, product) in products.iter_mut().enumerate() {
                 let along = |cell: usize| 2.0 * cell as f32 / CELLS as f32 - 1.0;
                 let mut direction = Vec3::ZERO;
-                direction[face / 2] = if face % 2 == 0 { 1.0 } else { -1.0 };
-                direction[(face / 2 + 1) % 3] = along(at / (CELLS + 1));
-                direction[(face / 2 + 2) % 3] = along(at % (CELLS + 1));
-                *product = tree.highest((direction / size).extend(0.0).to_array());
+                direction[axis] = 1.0;
+                direction[(axis + 1) % 3] = along(at / (CELLS + 1));
+                direction[(axis + 2) % 3] = along(at % (CELLS + 1));
+                let row = (direction / size).extend(0.0).to_array();
+                *product = [tree.highest(row), tree.highest(negated(row))];
             }
         }
         Self { products, size, reach, terms: (Vec3::splat(reach) / size).element_sum() }
     }
+}
 
-    /// At least [`Bvh::highest`] of three rows, then of their opposites: the function is convex, so between three
-    /// directions it is at most what lies between their values. In loops of eight without branches, which become
-    /// instructions for several.
+/// Eight trees that are moved, a lane for each. In loops of eight without branches, which become instructions for
+/// several.
+struct EightTrees<'a> {
+    supports: [&'a Supports; EIGHT],
+    /// Rows of the placements: `[row][column][tree]`.
+    rows: [[[f32; EIGHT]; 4]; 3],
+    /// Lower and upper corners of the trees: `[corner][axis][tree]`.
+    corners: [[[f32; EIGHT]; 3]; 2],
+}
+
+impl<'a> EightTrees<'a> {
     #[inline(always)]
-    fn highest_of(&self, rows: &[[f32; 4]; 3]) -> [f32; EIGHT] {
-        let (mut most, mut least, mut rest) = ([0.0; EIGHT], [0.0; EIGHT], [0.0; EIGHT]);
+    fn new(trees: &[(&'a Bvh, &Placement); EIGHT]) -> Self {
+        let (mut rows, mut corners) = ([[[0.0; EIGHT]; 4]; 3], [[[0.0; EIGHT]; 3]; 2]);
+        for (at, (tree, placement)) in trees.iter().enumerate() {
+            for axis in 0..3 {
+                for column in 0..4 {
+                    rows[axis][column][at] = placement.rows[axis][column];
+                }
+                (corners[0][axis][at], corners[1][axis][at]) = (tree.bounds.min[axis], tree.bounds.max[axis]);
+            }
+        }
+        let mut supports = [trees[0].0.supports(); EIGHT];
+        for (supports, (tree, _)) in supports.iter_mut().zip(trees) {
+            *supports = tree.supports();
+        }
+        Self { supports, rows, corners }
+    }
+
+    /// At most and at least [`Bvh::highest`] of the opposite of a row, negated, and of the row: the function is convex,
+    /// so between three directions it is at most what lies between their values.
+    #[inline(always)]
+    fn extents(&self, row: usize) -> [[f32; EIGHT]; 2] {
+        let [a, b, c, d] = &self.rows[row];
+        let (mut most, mut least, mut margin) = ([0.0; EIGHT], [0.0; EIGHT], [0.0; EIGHT]);
         let (mut length, mut cells, mut others) = ([0.0; EIGHT], [0; EIGHT], [0; EIGHT]);
+        let sizes: [[f32; EIGHT]; 3] = [
+            from_index(|at| self.supports[at].size.x),
+            from_index(|at| self.supports[at].size.y),
+            from_index(|at| self.supports[at].size.z),
+        ];
+        let reach: [f32; EIGHT] = from_index(|at| self.supports[at].reach);
+        let terms: [f32; EIGHT] = from_index(|at| self.supports[at].terms);
         for at in 0..EIGHT {
-            let (row, sign) = (&rows[at % 3], if at < 3 { 1.0 } else { -1.0 });
-            let (x, y, z) =
-                (sign * row[0] * self.size.x, sign * row[1] * self.size.y, sign * row[2] * self.size.z);
+            let (x, y, z) = (a[at] * sizes[0][at], b[at] * sizes[1][at], c[at] * sizes[2][at]);
             let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
             let (is_x, is_y) = ((ax >= ay) & (ax >= az), ay >= az);
-            let main = if is_x {
-                x
-            } else if is_y {
-                y
-            } else {
-                z
+            let pick = |of_x: f32, of_y: f32, of_z: f32| {
+                let of_y_or_z = if is_y { of_y } else { of_z };
+                if is_x { of_x } else { of_y_or_z }
             };
-            let second = if is_x {
-                y
-            } else if is_y {
-                z
-            } else {
-                x
-            };
-            let third = if is_x {
-                z
-            } else if is_y {
-                x
-            } else {
-                y
-            };
-            let face = if is_x {
-                0
-            } else if is_y {
-                2
-            } else {
-                4
-            } + i32::from(main < 0.0);
-            length[at] = main.abs();
+            let (main, second, third) = (pick(x, y, z), pick(y, z, x), pick(z, x, y));
+            let not_x = if is_y { 1 } else { 2 };
+            let axis = if is_x { 0 } else { not_x };
+            length[at] = main;
             // The place on the face, in cells. Casts saturate, and NaN becomes 0.
-            let divisor = main.abs().max(f32::MIN_POSITIVE);
+            let divisor = if main == 0.0 { f32::MIN_POSITIVE } else { main };
             let (s, t) = ((second / divisor + 1.0) * MIDDLE, (third / divisor + 1.0) * MIDDLE);
             let (i, k) = ((s as i32).clamp(0, LAST), (t as i32).clamp(0, LAST));
             let (s, t) = (s - i as f32, t - k as f32);
             (most[at], least[at]) = (s.max(t), s.min(t));
-            cells[at] = face * FACE as i32 + i * SIDE + k;
+            cells[at] = axis * FACE as i32 + i * SIDE + k;
             // The third corner of the half of the cell.
             others[at] = cells[at] + if s >= t { SIDE } else { 1 };
-            let sum = row[0].abs() + row[1].abs() + row[2].abs();
-            let rounding = main.abs() * self.terms + sum * self.reach + row[3].abs();
+            let sum = a[at].abs() + b[at].abs() + c[at].abs();
+            let rounding = main.abs() * terms[at] + sum * reach[at] + d[at].abs();
             // Without a length all products underflow.
-            let reached = if main == 0.0 { sum * self.reach } else { 0.0 };
-            rest[at] = sign * row[3] + ROUNDING * rounding + reached;
+            let reached = if main == 0.0 { sum * reach[at] } else { 0.0 };
+            margin[at] = ROUNDING * rounding + reached;
         }
-        let (products, mut highest) = (self.products.as_flattened(), [0.0; EIGHT]);
+        let (mut low, mut high) = ([0.0; EIGHT], [0.0; EIGHT]);
         for at in 0..EIGHT {
+            let products = self.supports[at].products.as_flattened();
             let [first, other] = [cells[at] as usize, others[at] as usize];
             let (near, other, far) = (products[first], products[other], products[first + SIDE as usize + 1]);
-            let between = (1.0 - most[at]) * near + (most[at] - least[at]) * other + least[at] * far;
-            highest[at] = length[at] * between + rest[at];
+            let between = |side: usize| {
+                (1.0 - most[at]) * near[side] + (most[at] - least[at]) * other[side] + least[at] * far[side]
+            };
+            let (ahead, behind) = (length[at] * between(0), length[at] * between(1));
+            // For a negative length the directions change places.
+            (high[at], low[at]) = if length[at] >= 0.0 { (ahead, -behind) } else { (-behind, ahead) };
         }
-        highest
+        for at in 0..EIGHT {
+            low[at] = (low[at] + d[at]) - margin[at];
+            high[at] = (high[at] + d[at]) + margin[at];
+        }
+        [low, high]
     }
 
-    /// A box around the moved triangles of the tree with these bounds.
+    /// The extents along an axis of [`Placement::bounds`] of the trees' boxes.
     #[inline(always)]
-    pub fn moved_bounds(&self, bounds: &Aabb, placement: &Placement) -> Aabb {
-        let [x, y, z, minus_x, minus_y, minus_z, ..] = self.highest_of(&placement.rows);
-        let (high, low) = (Vec3::new(x, y, z), -Vec3::new(minus_x, minus_y, minus_z));
-        let of_box = placement.bounds(bounds);
-        Aabb { min: low.max(of_box.min), max: high.min(of_box.max) }
+    fn extents_of_boxes(&self, row: usize) -> [[f32; EIGHT]; 2] {
+        let ([a, b, c, d], [[ax, ay, az], [bx, by, bz]]) = (&self.rows[row], &self.corners);
+        let mut extents = [[0.0; EIGHT]; 2];
+        for at in 0..EIGHT {
+            let pick = |element: f32, low: f32, high: f32| {
+                if element >= 0.0 { [element * low, element * high] } else { [element * high, element * low] }
+            };
+            let (x, y, z) =
+                (pick(a[at], ax[at], bx[at]), pick(b[at], ay[at], by[at]), pick(c[at], az[at], bz[at]));
+            for side in 0..2 {
+                extents[side][at] = ((x[side] + y[side]) + z[side]) + d[at];
+            }
+        }
+        extents
     }
+}
+
+/// Boxes around the moved triangles of eight trees of triangles, none of which is empty.
+#[inline(always)]
+pub(super) fn moved_bounds(trees: &[(&Bvh, &Placement); EIGHT]) -> [Aabb; EIGHT] {
+    let (eight, mut bounds) = (EightTrees::new(trees), [Aabb::EMPTY; EIGHT]);
+    for axis in 0..3 {
+        let ([low, high], [box_low, box_high]) = (eight.extents(axis), eight.extents_of_boxes(axis));
+        for (at, bounds) in bounds.iter_mut().enumerate() {
+            bounds.min[axis] = low[at].max(box_low[at]);
+            bounds.max[axis] = high[at].min(box_high[at]);
+        }
+    }
+    bounds
 }
 
 /// The row of the opposite direction.
@@ -198,7 +249,7 @@ mod tests {
             }
             let placement = Placement { rows };
             let smallest = Aabb::around(positions.iter().map(|&p| placement.point(p)));
-            let bounds = tree.supports().moved_bounds(&tree.bounds, &placement);
+            let [bounds, ..] = moved_bounds(&[(&tree, &placement); EIGHT]);
             assert!(bounds.contains(&smallest), "{i}: {bounds:?}, {smallest:?}");
             let (size, least) = (bounds.max - bounds.min, smallest.max - smallest.min);
             assert!(size.cmple(1.06 * least + 1e-4).all(), "{i}: {size}, {least}");

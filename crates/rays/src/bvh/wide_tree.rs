@@ -5,6 +5,7 @@ use super::child_order::ChildOrder;
 use super::huge_pages::HugePages;
 use super::leaf_block::{LeafBlock, LeafBlocks};
 use crate::geom::Aabb;
+use crate::lanes::{LaneTask, Lanes, SimdLevel, first_lanes, load};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -60,22 +61,23 @@ impl WideNode {
 
     /// Computes [`WideNode::front_to_back`] from the boxes: an octant's key is the box centre projected onto
     /// the octant's diagonal.
-    #[inline(always)]
     pub(super) fn update_front_to_back(&mut self) {
+        SimdLevel::run_eight(FrontToBack(self));
+    }
+
+    /// [`WideNode::update_front_to_back`] in a task.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn update_front_to_back_in<L: Lanes>(&mut self, l: L) {
+        let half = l.splat(0.5);
+        let (low, high) = (load(l, &self.faces[0]), load(l, &self.faces[1]));
+        let centre = |axis: usize| l.add(l.mul(half, low[axis]), l.mul(half, high[axis]));
+        let [x, y, z] = [centre(0), centre(1), centre(2)];
+        // The centre of a vacant slot's box is NaN; vacant slots are the last.
+        let (among, infinity) = (l.eq(first_lanes::<L>(WIDTH), x, x), l.splat(f32::INFINITY));
         for octant in 0..4 {
-            let mut keys = [0.0; WIDTH];
-            for axis in 0..3 {
-                let sign = if octant >> axis & 1 == 1 { -0.5 } else { 0.5 };
-                let [low, high] = [self.faces[0][axis], self.faces[1][axis]];
-                for slot in 0..WIDTH {
-                    keys[slot] += sign * low[slot] + sign * high[slot];
-                }
-            }
-            for key in &mut keys {
-                // The centre of a vacant slot's box is NaN; vacant slots are the last.
-                *key = if key.is_nan() { f32::INFINITY } else { *key };
-            }
-            self.front_to_back[octant] = ChildOrder::ascending(&keys);
+            let signed = |axis: usize, key: L::F| if octant >> axis & 1 == 1 { l.neg(key) } else { key };
+            let key = l.add(l.add(signed(0, x), signed(1, y)), signed(2, z));
+            self.front_to_back[octant] = ChildOrder::ascending_lanes(l, l.select(among, key, infinity));
         }
     }
 
@@ -87,6 +89,15 @@ impl WideNode {
             bounds = bounds.union(self.bounds(slot));
         }
         bounds
+    }
+
+    /// [`WideNode::union_of_children`] in a task.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn union_in<L: Lanes>(&self, l: L) -> Aabb {
+        let [x, y, z] = load(l, &self.faces[0]);
+        let min = Vec3::new(l.lowest(x), l.lowest(y), l.lowest(z));
+        let [x, y, z] = load(l, &self.faces[1]);
+        Aabb { min, max: Vec3::new(l.highest(x), l.highest(y), l.highest(z)) }
     }
 
     /// The same node with its references to inner nodes raised by `nodes`, and those to leaf blocks by
@@ -114,6 +125,18 @@ impl WideNode {
     pub fn bounds(&self, slot: usize) -> Aabb {
         let corner = |[x, y, z]: &[[f32; WIDTH]; 3]| Vec3::new(x[slot], y[slot], z[slot]);
         Aabb { min: corner(&self.faces[0]), max: corner(&self.faces[1]) }
+    }
+}
+
+/// Updates the orders of a node.
+struct FrontToBack<'a>(&'a mut WideNode);
+
+impl LaneTask for FrontToBack<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) {
+        self.0.update_front_to_back_in(l);
     }
 }
 

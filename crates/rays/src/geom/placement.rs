@@ -60,26 +60,25 @@ impl Placement {
     ///
     /// # Errors
     /// If an element is not finite or the matrix is singular.
+    #[inline]
     fn checked(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
-        let is_finite = rows.as_flattened().iter().fold(true, |all, element| all & element.is_finite());
-        if !is_finite {
+        if is_surely_regular(&rows) { Ok(Self { rows }) } else { Self::checked_exactly(rows) }
+    }
+
+    /// [`Placement::checked`] by the definition.
+    #[cold]
+    fn checked_exactly(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
+        if rows.as_flattened().iter().any(|element| !element.is_finite()) {
             return Err(Self::first_not_finite(&rows));
         }
         let column =
             |i: usize| DVec3::new(f64::from(rows[0][i]), f64::from(rows[1][i]), f64::from(rows[2][i]));
         let (x, y, z) = (column(0), column(1), column(2));
-        let volume = x.cross(y).dot(z).abs();
-        let squares = x.length_squared() * y.length_squared() * z.length_squared();
-        // Nearly always the squares decide, without roots: by more than their rounding errors.
-        if volume * volume > 2.0 * LEAST_VOLUME * LEAST_VOLUME * squares {
-            return Ok(Self { rows });
-        }
         // The quotient of a column of zeros is NaN.
-        let share = volume / (x.length() * y.length() * z.length());
+        let share = x.cross(y).dot(z).abs() / (x.length() * y.length() * z.length());
         if share >= LEAST_VOLUME { Ok(Self { rows }) } else { Err(PlacementError::Singular) }
     }
 
-    #[cold]
     fn first_not_finite(rows: &[[f32; 4]; 3]) -> PlacementError {
         let elements = rows.as_flattened();
         let at = elements.iter().position(|element| !element.is_finite()).unwrap_or(0);
@@ -141,6 +140,7 @@ impl TryFrom<[[f32; 4]; 3]> for Placement {
     type Error = PlacementError;
 
     /// From the rows of an affine matrix; the fourth number of each is the translation.
+    #[inline]
     fn try_from(rows: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
         Self::checked(rows)
     }
@@ -149,6 +149,7 @@ impl TryFrom<[[f32; 4]; 3]> for Placement {
 impl TryFrom<Affine3A> for Placement {
     type Error = PlacementError;
 
+    #[inline]
     fn try_from(transform: Affine3A) -> Result<Self, PlacementError> {
         let matrix = transform.matrix3;
         let row = |i: usize| matrix.row(i).extend(transform.translation[i]).to_array();
@@ -174,6 +175,21 @@ impl TryFrom<DMat4> for Placement {
         }
         Self::checked(Self::new(&matrix).rows)
     }
+}
+
+/// True only if all elements are finite and the volume is far above [`LEAST_VOLUME`]: by much more than `f32` rounds.
+/// Decides nearly always.
+#[inline]
+fn is_surely_regular(rows: &[[f32; 4]; 3]) -> bool {
+    let [[ax, bx, cx, dx], [ay, by, cy, dy], [az, bz, cz, dz]] = *rows;
+    let (a, b) = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz);
+    let c = cx * cx + cy * cy + cz * cz;
+    let volume = (ay * bz - az * by) * cx + (az * bx - ax * bz) * cy + (ax * by - ay * bx) * cz;
+    // Neither the squares nor their product overflow, or underflow to what is not rounded as usual. NaN fails.
+    let is_ordinary = |square: f32| (square > 1e-11) & (square < 1e11);
+    let moved = dx.abs() + dy.abs() + dz.abs();
+    let are_ordinary = is_ordinary(a) & is_ordinary(b) & is_ordinary(c) & (moved < f32::INFINITY);
+    are_ordinary & (volume * volume > 1e-6 * (a * b * c))
 }
 
 /// One face of a moved box: from `low` where an element is not negative, else from `high`.
@@ -234,6 +250,31 @@ mod tests {
         let perspective = Mat4::from_cols(Vec4::X, Vec4::Y, -Vec4::W, -Vec4::Z);
         let error = Placement::try_from(perspective).expect_err("a perspective");
         assert!(matches!(error, PlacementError::Perspective(_)), "{error}");
+    }
+
+    #[test]
+    fn the_quick_check_accepts_nothing_that_the_definition_refuses() {
+        let (mut quick, mut refused) = (0, 0);
+        for i in 0..200_000 {
+            // The third column nearly in the plane of the others, sizes from tiny to huge.
+            let flat = 10f32.powi(-((mix(i) % 10) as i32));
+            let powers = if i % 2 == 0 { 1 } else { 80 };
+            let sizes =
+                [0, 1, 2].map(|k| 10f32.powi((mix(3 * i + k) % powers) as i32 / 2 - 20 * (i % 2) as i32));
+            let (s, t) = (signed(i, 50), signed(i, 51));
+            let rows: [[f32; 4]; 3] = [0, 1, 2].map(|k| {
+                let (x, y) = (signed(i, k), signed(i, 10 + k));
+                let z = s * x + t * y + flat * signed(i, 20 + k);
+                let moved = if mix(i ^ 77).is_multiple_of(5) { f32::INFINITY } else { signed(i, 30 + k) };
+                [sizes[0] * x, sizes[1] * y, sizes[2] * z, moved]
+            });
+            let is_quick = is_surely_regular(&rows);
+            let exactly = Placement::checked_exactly(rows);
+            assert!(!is_quick || exactly.is_ok(), "{rows:?}: {exactly:?}");
+            (quick, refused) = (quick + u32::from(is_quick), refused + u32::from(exactly.is_err()));
+        }
+        assert!(quick > 20_000 && refused > 20_000, "{quick} by the quick check, {refused} refused");
+        assert!(is_surely_regular(&Placement::IDENTITY.rows));
     }
 
     #[test]

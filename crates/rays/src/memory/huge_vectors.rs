@@ -1,12 +1,12 @@
 //! Large vectors on huge pages: the operating system clears 2 MiB at a time where it would clear 4 KiB.
 //!
 //! Unsafe code, for advice to the system. Invariants:
-//! 1. The range lies within the memory of a vector, and the advice changes nothing that a program can see.
+//! 1. The advice changes nothing that a program can see, whatever memory it is about.
 #![allow(unsafe_code, reason = "the invariant above")]
 
 use std::collections::TryReserveError;
 
-/// Vectors of fewer bytes stay as they are: they may have no huge page within them.
+/// Memory of fewer bytes stays as it is: it may have no huge page within it.
 const LEAST_BYTES: usize = 4 << 20;
 
 /// An empty vector with room for so many elements.
@@ -38,16 +38,26 @@ pub fn reserve_huge<T>(vector: &mut Vec<T>, more: usize) {
 /// Asks for huge pages in the memory of a large vector.
 fn advise<T>(vector: &mut Vec<T>) {
     let bytes = vector.capacity() * size_of::<T>();
-    if bytes < LEAST_BYTES {
-        return;
+    ask_for_huge_pages(vector.as_mut_ptr().cast(), bytes);
+}
+
+/// Asks for huge pages in new memory, if that is large. Where the system has none, nothing changes.
+#[inline]
+pub fn ask_for_huge_pages(start: *mut u8, bytes: usize) {
+    if bytes >= LEAST_BYTES {
+        ask(start, bytes);
     }
+}
+
+fn ask(start: *mut u8, bytes: usize) {
     #[cfg(target_os = "linux")]
     {
         /// The smallest page of any system.
         const PAGE: usize = 4096;
-        let start = vector.as_mut_ptr().cast::<u8>();
         let skipped = start.align_offset(PAGE);
         // SAFETY: invariant 1. Where pages are larger the system refuses, which does not matter.
-        unsafe { libc::madvise(start.add(skipped).cast(), bytes - skipped, libc::MADV_HUGEPAGE) };
+        unsafe { libc::madvise(start.wrapping_add(skipped).cast(), bytes - skipped, libc::MADV_HUGEPAGE) };
     }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (start, bytes);
 }

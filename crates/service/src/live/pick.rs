@@ -32,7 +32,8 @@ pub struct MaterialFacts {
     pub index: u32,
     /// Its name.
     pub name: String,
-    /// The kind of its surface: `matte`, `mirror`, `dielectric`, `principled`, `shader`, `user code` or `mix`.
+    /// The kind of its surface: `matte`, `mirror`, `dielectric`, `principled`, `OpenPBR`,
+    /// `shader`, `user code` or `mix`.
     pub kind: &'static str,
     /// Base colour, linear Rec. 709. `None` if it cannot be edited, as roughness and metallic then.
     pub base_colour: Option<Vec3>,
@@ -59,24 +60,16 @@ impl MaterialFacts {
             Surface::OpenPbr(_) => "OpenPBR",
             _ => "other",
         };
-        let surface = material.principled();
-        let textured = surface.as_ref().is_some_and(|surface| {
-            !surface.base_colour.is_constant()
-                || surface.roughness.texture.is_some()
-                || surface.metallic.texture.is_some()
-        });
+        let appearance = material.appearance();
         Self {
             index,
             name: material.name.clone(),
             kind,
-            base_colour: surface.as_ref().map(|surface| surface.base_colour.factor),
-            roughness: surface.as_ref().map(|surface| match surface.glossiness {
-                Some(glossiness) => 1.0 - glossiness.factor,
-                None => surface.roughness.factor,
-            }),
-            metallic: surface.as_ref().map(|surface| surface.metallic.factor),
+            base_colour: appearance.map(|appearance| appearance.base_colour),
+            roughness: appearance.map(|appearance| appearance.roughness),
+            metallic: appearance.map(|appearance| appearance.metallic),
             emission: material.emission.map_or(Vec3::ZERO, |emission| emission.radiance.factor),
-            textured,
+            textured: appearance.is_some_and(|appearance| appearance.is_textured),
         }
     }
 }
