@@ -78,7 +78,7 @@ pub fn moved(
     let in_world = tree.instances().len() - placements.len();
     let placements: Vec<Option<Placement>> =
         std::iter::repeat_n(None, in_world).chain(placements.into_iter().map(Some)).collect();
-    whole.move_instances(placements.into_iter());
+    whole.move_instances(placements);
     Some((Arc::new(whole), built))
 }
 

@@ -125,7 +125,7 @@ impl MaterialEdit {
     }
 }
 
-/// What a [`MaterialEdit`] changes of a surface, as it is.
+/// The values of a surface that a [`MaterialEdit`] changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Appearance {
     /// Base colour, linear Rec. 709.
@@ -139,7 +139,7 @@ pub struct Appearance {
 }
 
 impl Material {
-    /// What a [`MaterialEdit`] changes. `None` if the surface has no base colour, roughness and metallic.
+    /// The values that a [`MaterialEdit`] changes. `None` if the surface has no base colour, roughness and metallic.
     pub fn appearance(&self) -> Option<Appearance> {
         let (colour, roughness, metallic) = match self.surface {
             Surface::OpenPbr(surface) => {

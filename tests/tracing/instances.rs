@@ -45,7 +45,7 @@ fn boxes_of_moved_instances_hold_them_and_are_hardly_larger() {
             placement
         };
         let placements: Vec<Placement> = bvh.instances().iter().enumerate().map(shift).collect();
-        bvh.move_instances(placements.into_iter());
+        bvh.move_instances(placements);
         assert_eq!(bvh.validate(), Ok(()));
         let whole = Aabb::around((0..bvh.len() as u32).flat_map(|primitive| bvh.corners(primitive)));
         assert!(bvh.bounds().contains(&whole));

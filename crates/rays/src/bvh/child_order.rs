@@ -43,12 +43,12 @@ impl ChildOrder {
         Self { ranks, slots }
     }
 
-    /// [`ChildOrder::ascending`] of keys in lanes, none of which is NaN or -0.
+    /// [`ChildOrder::ascending`] of keys in lanes, which are neither NaN nor -0.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn ascending_lanes<L: Lanes>(l: L, keys: L::F) -> Self {
         let (mut ranks, mut slots, of_slots) = (0, 0, store_one(l, keys));
-        for slot in 0..WIDTH {
-            let key = l.splat(of_slots[slot]);
+        for (slot, key) in of_slots.into_iter().enumerate() {
+            let key = l.splat(key);
             let up_to_slot = first_lanes::<L>(slot + 1);
             // Of equal keys those in higher slots are behind.
             let behind = l.lt(up_to_slot, key, keys) | l.le(first_lanes::<L>(WIDTH) ^ up_to_slot, key, keys);

@@ -80,8 +80,8 @@ impl<'a> EightTrees<'a> {
         let (mut rows, mut corners) = ([[[0.0; EIGHT]; 4]; 3], [[[0.0; EIGHT]; 3]; 2]);
         for (at, (tree, placement)) in trees.iter().enumerate() {
             for axis in 0..3 {
-                for column in 0..4 {
-                    rows[axis][column][at] = placement.rows[axis][column];
+                for (lanes, element) in rows[axis].iter_mut().zip(placement.rows[axis]) {
+                    lanes[at] = element;
                 }
                 (corners[0][axis][at], corners[1][axis][at]) = (tree.bounds.min[axis], tree.bounds.max[axis]);
             }
@@ -172,7 +172,7 @@ impl<'a> EightTrees<'a> {
     }
 }
 
-/// Boxes around the moved triangles of eight trees of triangles, none of which is empty.
+/// Boxes around the moved triangles of eight trees of triangles, which are not empty.
 #[inline(always)]
 pub(super) fn moved_bounds(trees: &[(&Bvh, &Placement); EIGHT]) -> [Aabb; EIGHT] {
     let (eight, mut bounds) = (EightTrees::new(trees), [Aabb::EMPTY; EIGHT]);
