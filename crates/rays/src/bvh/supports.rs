@@ -93,8 +93,8 @@ impl<'a> EightTrees<'a> {
         Self { supports, rows, corners }
     }
 
-    /// At most and at least [`Bvh::highest`] of the opposite of a row, negated, and of the row: the function is convex,
-    /// so between three directions it is at most what lies between their values.
+    /// The lowest and the highest coordinates of the moved trees along an axis, or what lies a little beyond: the reach
+    /// in a direction is convex, so between three directions it is at most what lies between their values.
     #[inline(always)]
     fn extents(&self, row: usize) -> [[f32; EIGHT]; 2] {
         let [a, b, c, d] = &self.rows[row];
