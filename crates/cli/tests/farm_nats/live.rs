@@ -16,8 +16,9 @@ const SIZE: [u32; 2] = [160, 144];
 const DEADLINE: Duration = Duration::from_millis(80);
 const BOUND: Duration = Duration::from_millis(350);
 
+/// Whether all rows of a frame have the full resolution.
 fn full(frame: &Frame) -> bool {
-    frame.size.map(u32::from) == SIZE
+    frame.size.map(u32::from) == SIZE && !frame.is_coarse
 }
 
 /// Whether both workers have rendered a tile in time.

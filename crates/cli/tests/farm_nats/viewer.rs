@@ -13,6 +13,8 @@ const HEADER: usize = 32;
 pub struct Frame {
     pub generation: u64,
     pub is_moving: bool,
+    /// True if coarse rows stand in for those of a worker that was late.
+    pub is_coarse: bool,
     pub size: [u16; 2],
     pub jpeg: Vec<u8>,
 }
@@ -136,7 +138,8 @@ impl Viewer {
                     self.send(&json!({ "type": "ack", "sequence": number(12, 4) }));
                     return Frame {
                         generation: number(8, 4),
-                        is_moving: bytes[5] & 1 == 1,
+                        is_moving: bytes[5] & 1 != 0,
+                        is_coarse: bytes[5] & 4 != 0,
                         size: [number(20, 2) as u16, number(22, 2) as u16],
                         jpeg: bytes[HEADER..].to_vec(),
                     };

@@ -25,12 +25,14 @@ pub struct FrameFlags {
     pub moving: bool,
     /// It has all samples; no better one will come.
     pub last: bool,
+    /// Rows of a worker came too late, and coarse ones stand in for them.
+    pub coarse: bool,
 }
 
 /// An encoded frame.
 ///
-/// Header, little-endian: `RSF1`; payload kind `u8` (1 JPEG, 5 PNG file, 6 EXR file); flags `u8` (1 moving, 2 last);
-/// 2 bytes of zeros; generation `u32`; sequence number `u32`; left, top, width, height of the payload in pixels, each
+/// Header, little-endian: `RSF1`; payload kind `u8` (1 JPEG, 5 PNG file, 6 EXR file); flags `u8` (1 moving, 2 last,
+/// 4 coarse); 2 bytes of zeros; generation `u32`; sequence number `u32`; left, top, width, height of the payload in pixels, each
 /// `u16`; samples a pixel `u32`; milliseconds from the change that the frame answers to its encoding `u32`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -59,7 +61,8 @@ impl Frame {
         let mut all = Vec::with_capacity(HEADER_BYTES + self.bytes.len());
         all.extend(MAGIC);
         all.push(self.payload as u8);
-        all.push(u8::from(self.flags.moving) | u8::from(self.flags.last) << 1);
+        let FrameFlags { moving, last, coarse } = self.flags;
+        all.push(u8::from(moving) | u8::from(last) << 1 | u8::from(coarse) << 2);
         all.extend([0; 2]);
         all.extend(self.generation.to_le_bytes());
         all.extend(self.sequence.to_le_bytes());
@@ -83,7 +86,7 @@ mod tests {
         let frame = Frame {
             generation: 0x0102_0304,
             sequence: 7,
-            flags: FrameFlags { moving: false, last: true },
+            flags: FrameFlags { moving: false, last: true, coarse: true },
             size: [1280, 720],
             spp: 16,
             time_ms: 99,
@@ -91,7 +94,7 @@ mod tests {
             bytes: vec![0xff, 0xd8],
         };
         let expected = [
-            &b"RSF1\x01\x02\0\0"[..],
+            &b"RSF1\x01\x06\0\0"[..],
             &[4, 3, 2, 1, 7, 0, 0, 0],
             &[0, 0, 0, 0, 0, 5, 0xd0, 2],
             &[16, 0, 0, 0, 99, 0, 0, 0],

@@ -457,7 +457,7 @@ impl Renderer {
         if let Some(viewer) = self.view_scene.viewer.as_ref().filter(|_| !is_moving) {
             viewer.show(&format!("live view of {}", self.view_scene.name), &picture);
         }
-        let flags = FrameFlags { moving: is_moving, last: !is_moving && is_complete };
+        let flags = FrameFlags { moving: is_moving, last: !is_moving && is_complete, coarse: false };
         let dropped = frame.picture().dropped_splats();
         let (generation, since, began) = (*generation, *since, *began);
         let [width, height] = [picture.image.width, picture.image.height];

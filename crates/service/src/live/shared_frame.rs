@@ -40,6 +40,8 @@ pub(super) struct SharedFrame {
     slots: Vec<Slot>,
     /// The rows of the coarse frame under way.
     filling: Option<Range<u32>>,
+    /// True if coarse rows stand in for some.
+    is_coarse: bool,
     /// True if the exposure of the next frame follows from this one.
     is_metered: bool,
     light: Light,
@@ -65,6 +67,7 @@ impl SharedFrame {
             own: None,
             slots,
             filling: None,
+            is_coarse: false,
             is_metered: false,
             light: Light::default(),
         }
@@ -106,6 +109,7 @@ impl SharedFrame {
             return Some(rows);
         };
         for slot in self.slots.iter_mut().filter(|slot| slot.content.is_none()) {
+            self.is_coarse = true;
             slot.content = Some(Rows::Radiance(enlarged(&image, &rows, self.size, &slot.rows)));
         }
         None
@@ -141,6 +145,11 @@ impl SharedFrame {
         let is_late = Instant::now() >= self.deadline;
         let is_decided = |slot: &Slot| slot.content.is_some() || slot.is_lost || is_late;
         self.waits() && !self.is_complete() && self.slots.iter().all(is_decided)
+    }
+
+    /// True if coarse rows stand in for some that did not come.
+    pub fn is_coarse(&self) -> bool {
+        self.is_coarse
     }
 
     /// The size of a coarse frame, and its rows that cover what is missing.
@@ -211,7 +220,7 @@ mod tests {
         shared.put(tile(16..32));
         assert_eq!(shared.missing().first(), Some(&(16..48)), "no one was asked for these rows");
         shared.put(tile(16..48));
-        assert!(shared.is_complete() && !shared.is_due());
+        assert!(shared.is_complete() && !shared.is_due() && !shared.is_coarse());
         let picture = shared.into_picture();
         assert!(matches!(&picture.parts[..], [Rows::Radiance(_), Rows::Jpeg(_), Rows::Jpeg(_)]));
         assert_eq!(picture.light.pixels, 40 * 16 + 2);
@@ -233,7 +242,7 @@ mod tests {
         assert!(!late.waits() && !late.is_due(), "it is being filled");
         late.put(tile(16..48));
         assert_eq!(late.take(image(10, 14, 0.25)), None);
-        assert!(late.is_complete());
+        assert!(late.is_complete() && late.is_coarse());
         let parts = late.into_picture().parts;
         assert!(matches!(&parts[1], Rows::Jpeg(_)), "what comes while it is filled is shown");
         assert!(matches!(&parts[2], Rows::Radiance(filled) if *filled == image(40, 22, 0.25)));

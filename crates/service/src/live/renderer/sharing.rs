@@ -111,7 +111,7 @@ impl Renderer {
         else {
             return;
         };
-        let flags = FrameFlags { moving: true, last: false };
+        let flags = FrameFlags { moving: true, last: false, coarse: shared.is_coarse() };
         let dropped = frame.picture().dropped_splats();
         let content = Content::Shared(shared.into_picture());
         self.encoder.show(Shown { content, generation, since, flags, spp: 1 });
