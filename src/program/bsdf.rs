@@ -1,5 +1,6 @@
 //! BSDFs in WGSL.
 
+use super::attribute::FIRST_INPUT;
 use super::code::Register;
 #[cfg(feature = "gpu")]
 use super::device::Program;
@@ -12,7 +13,8 @@ use super::parameter::Parameter;
 use super::source::{ShaderError, SourceText};
 use crate::lanes::{Lanes, Num, OutlinedTask, Vector, for_pairs_mut};
 use crate::scene::{
-    BoundTexture, OwnSurface, Points, Scattered, Scattering, ScatteringSurface, Transmission,
+    AttributeRequest, BlockColumns, BoundTexture, OwnSurface, Points, Scattered, Scattering,
+    ScatteringSurface, Transmission,
 };
 use crate::shade::bsdf::ClearCoat;
 use std::fmt;
@@ -90,6 +92,8 @@ pub struct BsdfShader {
     transmits: bool,
     /// True if it asks for the finish of its material.
     asks_base: bool,
+    /// The vertex attributes that it reads.
+    attributes: Vec<AttributeRequest>,
 }
 
 /// A function that takes the state of a point, lowered together with `prepare`, which computes that state: what does
@@ -105,11 +109,10 @@ struct Prepared {
 impl Prepared {
     fn of(loaded: &Loaded, lowered: &Lowered) -> Result<Self, ShaderError> {
         let kernel = Kernel::new(lowered.code.clone(), loaded.pictures()?);
-        let inputs = kernel.inputs_over_material();
-        let scalars = inputs.registers.len();
+        let inputs = kernel.inputs_over_material(&loaded.attributes());
+        let behind = BlockColumns::ATTRIBUTES..FIRST_INPUT as usize;
         let arguments = kernel.code.inputs.iter().filter_map(|&(scalar, register)| {
-            let argument = (scalar as usize).checked_sub(scalars)?;
-            Some((argument, register))
+            behind.contains(&(scalar as usize)).then(|| (scalar as usize - behind.start, register))
         });
         Ok(Self { arguments: arguments.collect(), inputs, kernel })
     }
@@ -161,15 +164,24 @@ impl BsdfShader {
         if scatters_through {
             ior.map_err(|fault| loaded.error(&fault))?;
         }
+        let asks_base = both.into_iter().chain(&coat).any(|lowered| lowered.asks_base);
+        let coat = coat.as_ref().map(|coat| Prepared::of(loaded, coat)).transpose()?;
+        let (evaluate, sample) = (Prepared::of(loaded, &evaluate)?, Prepared::of(loaded, &sample)?);
+        let reads = |attribute: &AttributeRequest| {
+            let mut all = [&evaluate, &sample].into_iter().chain(&coat);
+            all.any(|function| function.inputs.attributes.contains(attribute))
+        };
+        let attributes = loaded.attributes().into_iter().filter(reads).collect();
         let transmits = loaded.constant("transmits").is_some_and(|(truth, _)| truth != 0.0);
         Ok(Self {
             text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
             transmits: transmits || scatters_through,
-            asks_base: both.into_iter().chain(&coat).any(|lowered| lowered.asks_base),
-            evaluate: Prepared::of(loaded, &evaluate)?,
-            sample: Prepared::of(loaded, &sample)?,
-            coat: coat.as_ref().map(|coat| Prepared::of(loaded, coat)).transpose()?,
+            asks_base,
+            attributes,
+            evaluate,
+            sample,
+            coat,
             loaded: Arc::clone(loaded),
         })
     }
@@ -239,8 +251,8 @@ impl<L: Lanes, const N: usize> OutlinedTask<L> for Call<'_, '_, L, N> {
         let Self { shader, at, function, arguments } = self;
         let Prepared { kernel, inputs, arguments: registers_of } = function;
         let columns = kernel.columns(CHUNK);
-        if inputs.wanted != 0 {
-            at.write_to(inputs.wanted, &mut inputs.sink(&columns, L::LANES));
+        if !inputs.wanted().is_empty() {
+            at.write_to(inputs.wanted(), &mut inputs.sink(&columns, L::LANES));
         }
         for &(argument, register) in registers_of {
             columns.set_chunk(register, arguments[argument]);
@@ -343,6 +355,10 @@ impl Scattering for BsdfShader {
 
     fn textures(&self) -> &[BoundTexture] {
         self.evaluate.kernel.pictures()
+    }
+
+    fn attributes(&self) -> &[AttributeRequest] {
+        &self.attributes
     }
 
     fn reads_moment(&self) -> bool {

@@ -1,11 +1,15 @@
 //! Lowered functions with the columns that they run in.
 
+use super::attribute::FIRST_INPUT;
 use super::code::Code;
 use super::operation::CHUNK;
 use super::run::{Columns, run_alone, run_alone_in};
 use super::source::{Fault, ShaderError, Source, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, SimdLevel, for_pairs};
-use crate::scene::{BASE, BlockColumns, BoundTexture, FieldType, POINT_FIELDS, PointSink, SurfaceField};
+use crate::scene::{
+    AttributeRequest, BASE, BlockColumns, BoundTexture, FieldType, POINT_FIELDS, PointSink, SurfaceField,
+    WantedFields,
+};
 use crate::stream::stop_job;
 use naga::{Function, Handle, Span};
 use std::cell::{Cell, RefCell};
@@ -86,25 +90,37 @@ impl Kernel {
                 (0..row.kind.numbers()).map(move |_| (1 << field, row.kind == FieldType::Bool))
             })
             .collect();
-        let (mut wanted, mut registers) = (0, vec![None; kinds.len()]);
+        let (mut fields, mut registers) = (0, vec![None; kinds.len()]);
         for &(scalar, register) in &self.code.inputs {
             let Some(&(field, is_truth)) = kinds.get(scalar as usize) else { continue };
-            wanted |= field;
+            fields |= field;
             registers[scalar as usize] = Some((register, is_truth));
         }
-        PointInputs { wanted, registers }
+        PointInputs { fields, attributes: Vec::new(), registers }
     }
 
-    /// [`Kernel::inputs`] of a shader whose inputs behind the point are the finish of its material, then others.
-    pub fn inputs_over_material(&self) -> PointInputs {
+    /// [`Kernel::inputs`] of a shader whose inputs behind the point are the finish of its material, then others, and
+    /// that may read these vertex attributes.
+    pub fn inputs_over_material(&self, attributes: &[AttributeRequest]) -> PointInputs {
         let mut inputs = self.inputs();
-        inputs.registers.resize(BlockColumns::POINT + BlockColumns::FINISH, None);
+        inputs.registers.resize(BlockColumns::ATTRIBUTES, None);
         for &(scalar, register) in &self.code.inputs {
             if scalar as usize >= BlockColumns::POINT
                 && let Some(to) = inputs.registers.get_mut(scalar as usize)
             {
-                inputs.wanted |= BASE;
+                inputs.fields |= BASE;
                 *to = Some((register, false));
+            }
+        }
+        let mut first = FIRST_INPUT;
+        for attribute in attributes {
+            let scalars = first..first + attribute.width;
+            first = scalars.end;
+            let register = |input: u32| self.code.inputs.iter().find(|(other, _)| *other == input);
+            let read: Vec<_> = scalars.map(|input| register(input).map(|&(_, to)| (to, false))).collect();
+            if read.iter().any(Option::is_some) {
+                inputs.attributes.push(attribute.clone());
+                inputs.registers.extend(read);
             }
         }
         inputs
@@ -118,10 +134,15 @@ impl PointInputs {
         PointWriter { columns, inputs: self, lanes }
     }
 
+    /// What is read of points.
+    pub fn wanted(&self) -> WantedFields<'_> {
+        WantedFields { fields: self.fields, attributes: &self.attributes }
+    }
+
     /// True if the time or the frame is read.
     pub fn read_moment(&self) -> bool {
         let is_of_moment = |row: &SurfaceField| ["time", "frame"].contains(&row.name);
-        POINT_FIELDS.iter().enumerate().any(|(i, row)| is_of_moment(row) && self.wanted >> i & 1 == 1)
+        POINT_FIELDS.iter().enumerate().any(|(i, row)| is_of_moment(row) && self.fields >> i & 1 == 1)
     }
 }
 
@@ -135,7 +156,9 @@ pub(super) fn stop(error: ShaderError) -> ! {
 #[derive(Clone, Debug)]
 pub(super) struct PointInputs {
     /// Bit `i` is set if field `i` of [`POINT_FIELDS`] is read, and [`BASE`] if the finish of the material is.
-    pub wanted: u64,
+    pub fields: u64,
+    /// The vertex attributes that are read.
+    pub attributes: Vec<AttributeRequest>,
     /// The register of each scalar that is read, and whether it is a truth value.
     pub registers: Vec<Option<(u32, bool)>>,
 }

@@ -1,5 +1,6 @@
 //! Common part of all kinds of shaders: a file, its parameters, and a hash.
 
+use super::attribute;
 #[cfg(feature = "gpu")]
 use super::code::Code;
 use super::finish_call::FinishPlace;
@@ -11,7 +12,7 @@ use super::parameter::{Parameter, parameters, words};
 use super::prelude::prelude;
 use super::source::{Fault, ShaderError, Source};
 use super::token::{Declaration, declarations, tokens};
-use crate::scene::BoundTexture;
+use crate::scene::{AttributeRequest, BoundTexture};
 use naga::{Block, Expression, Function, Handle, Literal, Span, Statement};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -83,6 +84,11 @@ impl Loaded {
         }
         self.pictures = pictures.into();
         Ok(self)
+    }
+
+    /// The vertex attributes of the file, in its order.
+    pub fn attributes(&self) -> Vec<AttributeRequest> {
+        attribute::of_module(&self.source.module)
     }
 
     /// The pictures, in the order of the file.

@@ -8,6 +8,7 @@
 //! Each operation is one operation of IEEE 754 binary32 or of 32-bit integers at each point, in the order of the
 //! source, so every processor gives the same bits. `docs/design/wgsl-arithmetic.md` states what each means.
 
+mod attribute;
 mod bsdf;
 mod code;
 #[cfg(feature = "gpu")]

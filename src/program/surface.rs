@@ -11,8 +11,8 @@ use super::run::{BLOCK, Columns};
 use super::source::{Fault, ShaderError, SourceText};
 use crate::lanes::{Lanes, MAX_LANES, for_pairs_mut};
 use crate::scene::{
-    BlockColumns, BlockSurface, BoundTexture, Effects, FINISH_FIELDS, Finish, FinishSource, OwnSurface,
-    POINT_FIELDS, Points, Procedural, ProceduralSurface, Transmission,
+    AttributeRequest, BlockColumns, BlockSurface, BoundTexture, Effects, FINISH_FIELDS, Finish, FinishSource,
+    OwnSurface, POINT_FIELDS, Points, Procedural, ProceduralSurface, Transmission, WantedFields,
 };
 use naga::Span;
 use std::fmt;
@@ -137,7 +137,7 @@ impl PatternShader {
         Ok(Self {
             text: Arc::clone(&loaded.source.text),
             hash: loaded.hash(),
-            inputs: kernel.inputs_over_material(),
+            inputs: kernel.inputs_over_material(&loaded.attributes()),
             parameters: loaded.parameters.clone(),
             block: computes.then_some(BLOCK),
             kernel,
@@ -198,6 +198,10 @@ impl Procedural for PatternShader {
         self.kernel.pictures()
     }
 
+    fn attributes(&self) -> &[AttributeRequest] {
+        &self.inputs.attributes
+    }
+
     fn reads_moment(&self) -> bool {
         self.inputs.read_moment()
     }
@@ -215,7 +219,7 @@ impl Procedural for PatternShader {
     #[inline(always)]
     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
         let columns = self.kernel.columns(CHUNK);
-        points.write_to(self.inputs.wanted, &mut self.inputs.sink(&columns, L::LANES));
+        points.write_to(self.inputs.wanted(), &mut self.inputs.sink(&columns, L::LANES));
         self.kernel.run_vector(points.lanes(), &self.text, &columns);
         let finish = Finish::read_from(
             points.lanes(),
@@ -228,8 +232,8 @@ impl Procedural for PatternShader {
 }
 
 impl BlockSurface for PatternShader {
-    fn wanted(&self) -> u64 {
-        self.inputs.wanted
+    fn wanted(&self) -> WantedFields<'_> {
+        self.inputs.wanted()
     }
 
     fn block(&self) -> usize {

@@ -3,7 +3,7 @@
 use super::mesh::check_positions;
 use super::{
     ColourSpace, Instance, Material, MeshError, MeshSize, Object, Objects, Scene, SceneError, Shape, Shared,
-    SurfaceRequest, Texture, TextureImage, TextureUse, TriangleMesh, Wrap,
+    SurfaceRequest, Texture, TextureImage, TextureUse, TriangleMesh, VertexAttribute, Wrap,
 };
 use crate::geom::{Bend, Placement};
 use crate::memory::{MemoryBudget, OutOfMemory};
@@ -107,6 +107,8 @@ pub struct Assembly {
     size: MeshSize,
     /// Bytes of instances beside the mesh.
     instance_bytes: u64,
+    /// Names and widths of vertex attributes.
+    attributes: BTreeMap<String, u32>,
 }
 
 /// What stands before /NUMBER in a name that ends so.
@@ -206,6 +208,9 @@ impl Assembly {
             .map_err(|problem| AssemblyError::Object { object: part.name.clone(), problem })?;
         let (mut whole, instances) = (self.size, part.transforms.len() as u64);
         whole += size * instances;
+        let mut attributes = self.attributes.clone();
+        attributes.extend(part.mesh.attributes.iter().map(|one| (one.name.clone(), one.width)));
+        whole.numbers = attributes.values().sum();
         let bytes = instances.saturating_mul(INSTANCE_BYTES + part.name.len() as u64);
         let instance_bytes = self.instance_bytes.saturating_add(bytes);
         let refused = |problem| AssemblyError::Object { object: part.name.clone(), problem };
@@ -220,7 +225,7 @@ impl Assembly {
             )));
         }
         MemoryBudget::of_machine().check(whole.to_string(), whole.bytes().saturating_add(instance_bytes))?;
-        (self.size, self.instance_bytes) = (whole, instance_bytes);
+        (self.size, self.instance_bytes, self.attributes) = (whole, instance_bytes, attributes);
         self.names.insert(part.name.clone(), instances > 1);
         self.numbered.extend(before_number(&part.name).map(String::from));
         self.parts.push(part);
@@ -244,6 +249,13 @@ impl Assembly {
             MeshError::Empty => "it has no triangles".into(),
             error => error.to_string(),
         })?;
+        for VertexAttribute { name, width, .. } in &mesh.attributes {
+            if let Some(other) = self.attributes.get(name).filter(|other| *other != width) {
+                return Err(format!(
+                    "its attribute {name:?} has {width} numbers a vertex, but that of another object has {other}"
+                ));
+            }
+        }
         if transforms.is_empty() {
             return Err("it has no transforms; leave it out".into());
         }
@@ -274,6 +286,7 @@ impl Assembly {
             tangents: !mesh.tangents.is_empty(),
             colours: !mesh.colours.is_empty(),
             more_uvs: mesh.more_uvs.len() as u32,
+            numbers: mesh.attributes.iter().map(|attribute| attribute.width).sum(),
         })
     }
 
@@ -308,6 +321,7 @@ impl Assembly {
                 for part in parts {
                     self.write_out(part, &mut mesh, &mut objects, &mut shapes)?;
                 }
+                mesh.complete_attributes();
                 // Shapes are in the order of their first triangles.
                 shapes.sort_by_key(|shape: &Shape| shape.instances[0].first);
                 scene.mesh = mesh.into();
@@ -413,6 +427,9 @@ impl Assembly {
         mesh.colours.extend_from_slice(&of.colours);
         let further = mesh.more_uvs.iter_mut().zip(&of.more_uvs);
         further.for_each(|(uvs, own)| uvs.extend_from_slice(own));
+        for VertexAttribute { name, width, values } in &of.attributes {
+            mesh.attribute_from(name, *width, base).extend_from_slice(values);
+        }
         mesh.triangles.extend(oriented(&of.triangles, base as u32, bend.mirrors()));
         let (size, count) = (&self.size, mesh.positions.len());
         if size.normals {

@@ -1,20 +1,48 @@
 //! Surfaces that are computed for blocks of many hits at once, before the hits are shaded.
 
-use super::{BASE, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink, SurfaceField};
+use super::{
+    AttributeRequest, BASE, Effects, FINISH_FIELDS, Finish, FinishSource, POINT_FIELDS, PointSink,
+    SurfaceField,
+};
 use crate::lanes::{Lanes, MAX_LANES, OutlinedTask};
 use std::fmt::Debug;
 
 /// A procedural surface that costs less for a block of many hits than for 8 or 16.
 pub trait BlockSurface: Debug + Send + Sync {
-    /// The fields of points that it reads: bit `i` is field `i` of [`POINT_FIELDS`], and the highest bit stands for the
-    /// finish of the material itself, whose scalars follow those of all fields.
-    fn wanted(&self) -> u64;
+    /// What it reads of points.
+    fn wanted(&self) -> WantedFields<'_>;
 
     /// The most points of a block, a multiple of 16.
     fn block(&self) -> usize;
 
     /// Computes the finishes of the first `points` points, with this many lanes.
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns);
+}
+
+/// What a surface reads of points.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WantedFields<'a> {
+    /// Bit `i` is field `i` of [`POINT_FIELDS`], and the highest bit stands for the finish of the material itself, whose
+    /// scalars follow those of all fields.
+    pub fields: u64,
+    /// Vertex attributes, whose scalars follow those of a finish.
+    pub attributes: &'a [AttributeRequest],
+}
+
+impl WantedFields<'_> {
+    /// True if nothing is read.
+    pub fn is_empty(&self) -> bool {
+        self.fields == 0 && self.attributes.is_empty()
+    }
+
+    /// Number of scalars, those that are not read included.
+    pub(crate) fn scalars(&self) -> usize {
+        let attributes: u32 = self.attributes.iter().map(|attribute| attribute.width).sum();
+        match (attributes, self.fields & BASE) {
+            (0, 0) => BlockColumns::POINT,
+            _ => BlockColumns::ATTRIBUTES + attributes as usize,
+        }
+    }
 }
 
 /// The scalars of a block of points or finishes, one column each. Truth values are 1 and 0.
@@ -41,9 +69,12 @@ impl BlockColumns {
     /// Scalars of finishes.
     pub const FINISH: usize = scalars(FINISH_FIELDS);
 
-    /// Makes room for the fields of points that are wanted: see [`BlockSurface::wanted`].
-    pub fn for_points(&mut self, wanted: u64, block: usize) {
-        self.resize(Self::POINT + if wanted & BASE != 0 { Self::FINISH } else { 0 }, block);
+    /// The first scalar of vertex attributes: [`WantedFields::attributes`].
+    pub const ATTRIBUTES: usize = Self::POINT + Self::FINISH;
+
+    /// Makes room for what is wanted of points.
+    pub fn for_points(&mut self, wanted: WantedFields<'_>, block: usize) {
+        self.resize(wanted.scalars(), block);
     }
 
     /// Makes room for finishes.

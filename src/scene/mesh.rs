@@ -2,6 +2,7 @@
 
 #[cfg(doc)]
 use super::TextureRef;
+use super::VertexAttribute;
 use crate::geom::{Aabb, MAX_COORDINATE};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
@@ -27,6 +28,8 @@ pub struct TriangleMesh {
     /// Tangents, one per vertex, as in glTF (w is the handedness). Either empty or as long as `positions`. A zero
     /// vector means that the vertex has no tangent, which is then derived from the texture coordinates.
     pub tangents: Vec<Vec4>,
+    /// Attributes with names of their own, which surfaces of user code read. Their names differ.
+    pub attributes: Vec<VertexAttribute>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Material index, one per triangle.
@@ -100,6 +103,40 @@ pub enum MeshError {
         /// Number of vertices.
         expected: usize,
     },
+    /// An attribute with a name of its own has no valid number of values a vertex.
+    #[error("the attribute {name:?} has {width} numbers a vertex; from 1 to 4 are supported")]
+    AttributeWidth {
+        /// The attribute's name.
+        name: String,
+        /// Its numbers of a vertex.
+        width: u32,
+    },
+    /// An attribute with a name of its own has too few or too many values.
+    #[error("the attribute {name:?}: {found} numbers; the vertices have {expected}")]
+    NamedAttribute {
+        /// The attribute's name.
+        name: String,
+        /// Its length.
+        found: usize,
+        /// The numbers of all vertices.
+        expected: usize,
+    },
+    /// An attribute with a name of its own contains NaN or infinity.
+    #[error(
+        "the attribute {name:?}: a number of vertex {vertex} is not finite; use zeros for vertices without one"
+    )]
+    NamedNotFinite {
+        /// The attribute's name.
+        name: String,
+        /// Vertex index.
+        vertex: usize,
+    },
+    /// Two attributes have the same name.
+    #[error("two attributes are called {name:?}; names must differ")]
+    SameName {
+        /// The name.
+        name: String,
+    },
     /// The mesh has no triangles.
     #[error("the scene has no triangles")]
     Empty,
@@ -132,10 +169,21 @@ impl TriangleMesh {
 
     /// Bytes of all attributes and indices.
     pub fn bytes(&self) -> usize {
-        let Self { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = self;
+        let Self {
+            positions,
+            normals,
+            uvs,
+            more_uvs,
+            colours,
+            tangents,
+            attributes: named,
+            triangles,
+            materials,
+        } = self;
         let more_uvs: usize = more_uvs.iter().map(|uvs| size_of_val(&**uvs)).sum();
         let attributes = size_of_val(&**normals) + size_of_val(&**uvs) + size_of_val(&**tangents);
-        let attributes = attributes + more_uvs + size_of_val(&**colours);
+        let named: usize = named.iter().map(|attribute| size_of_val(&*attribute.values)).sum();
+        let attributes = attributes + more_uvs + size_of_val(&**colours) + named;
         size_of_val(&**positions) + attributes + size_of_val(&**triangles) + size_of_val(&**materials)
     }
 
@@ -225,6 +273,12 @@ impl TriangleMesh {
         check_finite("colours", &self.colours)?;
         for uvs in &self.more_uvs {
             check_finite("a further set of texture coordinates", uvs)?;
+        }
+        for (place, attribute) in self.attributes.iter().enumerate() {
+            attribute.check(expected)?;
+            if self.attributes[..place].iter().any(|other| other.name == attribute.name) {
+                return Err(MeshError::SameName { name: attribute.name.clone() });
+            }
         }
         check_indices(&self.triangles, expected)?;
         if let Some(triangle) = first_outside(&self.materials, |&m| (m as usize) < materials) {

@@ -15,6 +15,8 @@ pub(crate) struct MeshSize {
     pub(crate) colours: bool,
     /// Sets of texture coordinates beyond the first.
     pub(crate) more_uvs: u32,
+    /// Numbers of a vertex in attributes with names of their own.
+    pub(crate) numbers: u32,
 }
 
 impl MeshSize {
@@ -22,7 +24,8 @@ impl MeshSize {
     pub(crate) fn bytes(&self) -> u64 {
         let part = |is_there: bool, bytes: u64| if is_there { bytes } else { 0 };
         let vertex = 12 + part(self.normals, 12) + part(self.uvs, 8) + part(self.tangents, 16);
-        let vertex = vertex + part(self.colours, 16) + 8 * u64::from(self.more_uvs);
+        let vertex =
+            vertex + part(self.colours, 16) + 8 * u64::from(self.more_uvs) + 4 * u64::from(self.numbers);
         self.vertices.saturating_mul(vertex).saturating_add(self.triangles.saturating_mul(16))
     }
 
@@ -68,6 +71,7 @@ impl std::ops::AddAssign for MeshSize {
         self.tangents |= other.tangents;
         self.colours |= other.colours;
         self.more_uvs = self.more_uvs.max(other.more_uvs);
+        self.numbers = self.numbers.max(other.numbers);
     }
 }
 

@@ -60,10 +60,11 @@ mod texture;
 mod texture_image;
 mod texture_point;
 mod validate;
+mod vertex_attribute;
 
 pub use animation_span::AnimationSpan;
 pub use assembly::{Assembly, AssemblyError, Part};
-pub use block::{BlockColumns, BlockFinishes, BlockSurface};
+pub use block::{BlockColumns, BlockFinishes, BlockSurface, WantedFields};
 pub use bound_texture::{BoundTexture, NoTexture, TEXTURED_INPUTS};
 pub(crate) use camera::Pinhole;
 pub use camera::{
@@ -112,6 +113,7 @@ pub use texture::{Channel, ColourSpace, Texture, TextureRef, Wrap};
 pub use texture_image::{TextureImage, TextureImageError, TextureUse};
 pub use texture_point::TexturePoint;
 pub use validate::{SceneError, ScenePart};
+pub use vertex_attribute::{AttributeRequest, MAX_ATTRIBUTE_WIDTH, VertexAttribute};
 
 use crate::geom::Aabb;
 use crate::lanes::Num;

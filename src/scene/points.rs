@@ -2,7 +2,10 @@
 
 use super::corners::{self, Weights, blend, blend_uvs, corner_uvs, tangent_basis, vectors};
 use super::erased_lanes::{LaneColumns, LaneValue};
-use super::{FieldType, Finish, Footprint, OwnSurface, Scene, SurfaceField, TexturePoint, TextureRef};
+use super::{
+    BlockColumns, FieldType, Finish, Footprint, OwnSurface, Scene, SurfaceField, TexturePoint, TextureRef,
+    WantedFields,
+};
 use crate::geom::Basis;
 use crate::lanes::{Int, Lanes, MAX_LANES, Mask, Num, OutlinedTask, Vector};
 use glam::Vec2;
@@ -75,11 +78,10 @@ macro_rules! points {
                 Self { $($name: LaneValue::of_columns(l, &columns.$name),)* bumps, scene, own }
             }
 
-            /// Passes the scalars of the fields in `wanted` to a sink: bit `i` is field `i` of [`POINT_FIELDS`], and
-            /// [`BASE`] asks for those of [`Points::base`], which follow.
+            /// Passes the scalars of what is wanted to a sink.
             #[inline(always)]
-            pub(crate) fn write_to(&self, wanted: u64, sink: &mut impl PointSink) {
-                let (mut field, mut scalar) = (0, 0);
+            pub(crate) fn write_to(&self, all: WantedFields<'_>, sink: &mut impl PointSink) {
+                let (wanted, mut field, mut scalar) = (all.fields, 0, 0);
                 $(
                     if wanted >> field & 1 == 1 {
                         let columns = LaneValue::columns(&self.$name);
@@ -99,6 +101,14 @@ macro_rules! points {
                 debug_assert_eq!((field, scalar > 0), (POINT_FIELDS.len(), true));
                 if wanted & BASE != 0 {
                     self.base().write_to(scalar, sink);
+                }
+                let mut scalar = BlockColumns::ATTRIBUTES;
+                for attribute in all.attributes {
+                    let numbers = self.attribute(&attribute.name);
+                    for number in &numbers[..attribute.width as usize] {
+                        sink.put(scalar, &LaneValue::columns(number)[0]);
+                        scalar += 1;
+                    }
                 }
             }
 
@@ -213,6 +223,36 @@ impl<L: Lanes> Points<'_, L> {
     pub fn texture(&self, texture: &TextureRef) -> [Num<L>; 4] {
         TexturePoint { footprint: self.texture_footprint(), ..self.texture_point() }
             .look_up(self.scene, texture)
+    }
+
+    /// The numbers of a vertex attribute of the mesh, blended: zeros if it has none of this name, and beyond its width.
+    ///
+    /// ```
+    /// use raystream::lanes::Lanes;
+    /// use raystream::scene::{AttributeRequest, Finish, Points, Procedural};
+    ///
+    /// /// Dark where the mesh is wet.
+    /// #[derive(Debug)]
+    /// struct Wet {
+    ///     attributes: [AttributeRequest; 1],
+    /// }
+    ///
+    /// impl Procedural for Wet {
+    ///     fn attributes(&self) -> &[AttributeRequest] {
+    ///         &self.attributes
+    ///     }
+    ///
+    ///     #[inline(always)]
+    ///     fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+    ///         let [wetness, ..] = points.attribute("wetness");
+    ///         let dry = Finish::matte(points);
+    ///         Finish { colour: dry.colour * (1.0 - wetness * 0.5), ..dry }
+    ///     }
+    /// }
+    /// ```
+    #[inline(always)]
+    pub fn attribute(&self, name: &str) -> [Num<L>; 4] {
+        self.scene.mesh.attribute_at(name, self.primitive, self.barycentric)
     }
 
     /// The finish of the material itself, with its textures. Materials keep their emission, alpha and normal map beside

@@ -3,7 +3,7 @@
 use super::erased_lanes::run_in;
 use super::finish::FinishColumns;
 use super::points::PointColumns;
-use super::{BlockSurface, BoundTexture, Effects, Finish, OwnSurface, Points, Scene};
+use super::{AttributeRequest, BlockSurface, BoundTexture, Effects, Finish, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, OutlinedTask};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -74,6 +74,11 @@ pub trait Procedural: Debug + Send + Sync + 'static {
         &[]
     }
 
+    /// Vertex attributes that the surface reads. A scene whose mesh lacks one is refused.
+    fn attributes(&self) -> &[AttributeRequest] {
+        &[]
+    }
+
     /// The surface as it is on a material of this surface, if that may cost less or have other effects.
     ///
     /// # Errors
@@ -129,6 +134,11 @@ impl ProceduralSurface {
     /// Calls [`Procedural::textures`].
     pub fn textures(&self) -> &[BoundTexture] {
         self.surface.textures()
+    }
+
+    /// Calls [`Procedural::attributes`].
+    pub fn attributes(&self) -> &[AttributeRequest] {
+        self.surface.attributes()
     }
 
     /// The surface on a material of this surface.
@@ -193,6 +203,7 @@ trait ErasedLanes: Debug + Send + Sync {
     fn starts_from_material(&self) -> bool;
     fn reads_moment(&self) -> bool;
     fn textures(&self) -> &[BoundTexture];
+    fn attributes(&self) -> &[AttributeRequest];
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String>;
     fn in_blocks(&self) -> Option<&dyn BlockSurface>;
 }
@@ -212,6 +223,10 @@ impl<P: Procedural> ErasedLanes for P {
 
     fn textures(&self) -> &[BoundTexture] {
         Procedural::textures(self)
+    }
+
+    fn attributes(&self) -> &[AttributeRequest] {
+        Procedural::attributes(self)
     }
 
     fn over(&self, own: &OwnSurface) -> Result<Option<ProceduralSurface>, String> {

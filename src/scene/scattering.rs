@@ -2,7 +2,7 @@
 
 use super::erased_lanes::{LaneColumns, from_columns, run_in, to_columns};
 use super::points::PointColumns;
-use super::{BoundTexture, OwnSurface, Points, Scene};
+use super::{AttributeRequest, BoundTexture, OwnSurface, Points, Scene};
 use crate::lanes::{LaneTask, Lanes, Num, Vector};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
@@ -80,6 +80,11 @@ pub trait Scattering: Debug + Send + Sync + 'static {
 
     /// Textures that the surface has itself, beside the scene's: their memory counts as the scene's.
     fn textures(&self) -> &[BoundTexture] {
+        &[]
+    }
+
+    /// Vertex attributes that the surface reads: see [`super::Procedural::attributes`].
+    fn attributes(&self) -> &[AttributeRequest] {
         &[]
     }
 
@@ -205,6 +210,11 @@ impl ScatteringSurface {
         self.surface.textures()
     }
 
+    /// Calls [`Scattering::attributes`].
+    pub fn attributes(&self) -> &[AttributeRequest] {
+        self.surface.attributes()
+    }
+
     /// Calls [`Scattering::reads_moment`].
     pub fn reads_moment(&self) -> bool {
         self.surface.reads_moment()
@@ -220,6 +230,7 @@ trait ErasedLanes: Debug + Send + Sync {
     fn over(&self, own: &OwnSurface) -> Result<Option<ScatteringSurface>, String>;
     fn reads_moment(&self) -> bool;
     fn textures(&self) -> &[BoundTexture];
+    fn attributes(&self) -> &[AttributeRequest];
 }
 
 /// Points of a scene.
@@ -264,6 +275,10 @@ impl<S: Scattering> ErasedLanes for S {
 
     fn textures(&self) -> &[BoundTexture] {
         Scattering::textures(self)
+    }
+
+    fn attributes(&self) -> &[AttributeRequest] {
+        Scattering::attributes(self)
     }
 }
 

@@ -515,3 +515,44 @@ fn shaders_have_all_sets_of_texture_coordinates() {
     assert_eq!(sets(&document.scene()), [1.0]);
     assert_eq!(sets(&document.scene_with(&all)), [1.0, 3.0, 4.0]);
 }
+
+#[test]
+fn attributes_of_the_files_own_have_their_names_and_numbers() {
+    let mut document = Document::triangle();
+    let wetness = document.floats("SCALAR", &[0.25, f32::NAN, 0.75]);
+    let flow = document.floats("VEC3", &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]);
+    let attributes = |document: &mut Document, name: &str, accessor| {
+        document.json["meshes"][0]["primitives"][0]["attributes"][name] = json!(accessor);
+    };
+    attributes(&mut document, "_WETNESS", wetness);
+    attributes(&mut document, "_Flow", flow);
+    let scene = document.scene();
+    assert!(scene.validate().is_ok() && scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let found = |scene: &Scene, name: &str| {
+        scene.mesh.attribute(name).map(|attribute| (attribute.width, attribute.values.clone()))
+    };
+    assert_eq!(found(&scene, "wetness"), Some((1, vec![0.25, 0.0, 0.75])), "what is not finite is 0");
+    assert_eq!(found(&scene, "flow"), Some((3, (1..10).map(|x| x as f32).collect())));
+    assert_eq!(found(&scene, "_WETNESS"), None);
+    let plain = Document::triangle().scene();
+    assert_eq!(plain.fingerprint(), scene.fingerprint(), "no surface reads them");
+
+    // A second mesh has neither, and another width of one.
+    let mut both = document.json["meshes"][0].clone();
+    let other = document.floats("VEC2", &[1.0; 6]);
+    let primitive = &mut both["primitives"][0]["attributes"];
+    primitive.as_object_mut().expect("attributes").remove("_WETNESS");
+    primitive["_Flow"] = json!(other);
+    document.json["meshes"].as_array_mut().expect("meshes").push(both);
+    document.json["nodes"].as_array_mut().expect("nodes").push(json!({ "mesh": 1 }));
+    document.json["scenes"][0]["nodes"] = json!([0, 1]);
+    let scene = document.scene();
+    assert!(warns(&scene, &["_Flow", "3 numbers", "2 in another"]), "{:?}", scene.warnings);
+    assert_eq!(found(&scene, "wetness"), Some((1, vec![0.25, 0.0, 0.75, 0.0, 0.0, 0.0])));
+    assert_eq!(found(&scene, "flow").map(|(_, values)| values[9..] == [0.0; 9]), Some(true));
+
+    let few = document.floats("SCALAR", &[1.0; 2]);
+    attributes(&mut document, "_WETNESS", few);
+    let error = document.message();
+    assert!(error.contains("2 elements of _WETNESS for 3 of POSITION"), "{error}");
+}

@@ -84,7 +84,7 @@ fn random_triangle<'a>(scene: &'a mut Scene, random: &mut Random) -> Option<&'a 
 /// Makes an array shorter or longer, or empty.
 fn damage_arrays(scene: &mut Scene, random: &mut Random) {
     let count = [0, 1, 19, 20, 21, 39, 41][random.below(7)];
-    match random.below(10) {
+    match random.below(11) {
         0 => scene.mesh.positions.resize(count, Vec3::ZERO),
         1 => scene.mesh.normals.resize(count, Vec3::ZERO),
         2 => scene.mesh.uvs.resize(count, Vec2::ZERO),
@@ -94,6 +94,7 @@ fn damage_arrays(scene: &mut Scene, random: &mut Random) {
         6 => scene.materials.truncate(random.below(9)),
         7 => scene.mesh.colours.resize(count, Vec4::ONE),
         8 => scene.mesh.more_uvs[0].resize(count, Vec2::ZERO),
+        9 => scene.mesh.attributes[0].values.resize(count, 0.0),
         _ => scene.shapes[0].instances.truncate(random.below(3)),
     }
 }
@@ -101,7 +102,7 @@ fn damage_arrays(scene: &mut Scene, random: &mut Random) {
 /// Writes an odd number into the geometry.
 fn damage_numbers(scene: &mut Scene, random: &mut Random) -> Option<()> {
     let odd = random.odd();
-    match random.below(8) {
+    match random.below(9) {
         0 => random.of(&mut scene.mesh.positions)?.x = odd,
         1 => random.of(&mut scene.mesh.normals)?.y = odd,
         2 => random.of(&mut scene.mesh.uvs)?.x = odd,
@@ -109,6 +110,7 @@ fn damage_numbers(scene: &mut Scene, random: &mut Random) -> Option<()> {
         4 => random.of(&mut scene.shapes[0].positions)?.z = odd,
         5 => random.of(&mut scene.mesh.colours)?.w = odd,
         6 => random.of(&mut scene.mesh.more_uvs[0])?.y = odd,
+        7 => *random.of(&mut scene.mesh.attributes[0].values)? = odd,
         _ => {
             let instance = random.of(&mut scene.shapes[0].instances)?;
             instance.placement.rows[random.below(3)][random.below(4)] = odd;

@@ -12,7 +12,8 @@ use raystream::render::{AmbientOcclusion, Integrator, PathTracer, Settings, Whit
 use raystream::scene::{
     Alpha, AlphaMode, Anisotropy, Camera, Channel, Coat, Coats, Colour, ColourSpace, Emission, Environment,
     EnvironmentMap, Instance, Iridescence, Light, LightShape, Material, Medium, Mipmap, Mix, NormalMap,
-    Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
+    Principled, Scalar, Scene, Shape, Sheen, Surface, Texture, TextureRef, TriangleMesh, VertexAttribute,
+    Wrap,
 };
 use raystream::schedule::{JobOptions, Renderer, Service, ServiceOptions};
 use std::sync::Arc;
@@ -144,15 +145,29 @@ fn lights() -> Vec<Light> {
 
 /// Adds a unit square that faces z, with all attributes of vertices.
 fn quad(scene: &mut Scene, corner: Vec3, material: u32) {
-    let TriangleMesh { positions, normals, uvs, more_uvs, tangents, colours, triangles, materials, .. } =
-        &mut *scene.mesh;
+    let TriangleMesh {
+        positions,
+        normals,
+        uvs,
+        more_uvs,
+        tangents,
+        colours,
+        attributes,
+        triangles,
+        materials,
+        ..
+    } = &mut *scene.mesh;
     more_uvs.resize(1, Vec::new());
+    if attributes.is_empty() {
+        attributes.push(VertexAttribute { name: "wetness".into(), width: 1, values: Vec::new() });
+    }
     let base = positions.len() as u32;
     for uv in [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y] {
         positions.push(corner + uv.extend(0.0));
         normals.push(Vec3::Z);
         uvs.push(uv);
         more_uvs[0].push(uv * 0.5);
+        attributes[0].values.push(uv.x);
         colours.push(Vec4::new(1.0, uv.x, uv.y, 0.5 + 0.5 * uv.x));
         tangents.push(Vec4::new(1.0, 0.0, 0.0, 1.0));
     }

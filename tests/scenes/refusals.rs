@@ -3,7 +3,8 @@
 use super::*;
 use raystream::lanes::Lanes;
 use raystream::scene::{
-    Effects, Finish, MeshError, Points, Procedural, ProceduralSurface, SceneError, ScenePart,
+    AttributeRequest, Effects, Finish, MeshError, Points, Procedural, ProceduralSurface, SceneError,
+    ScenePart,
 };
 use raystream::schedule::{LimitsError, Tracers};
 
@@ -22,6 +23,18 @@ fn short_and_long_arrays_are_refused() {
         (refused(|s| s.mesh.tangents.push(Vec4::ZERO)), "tangents: 41 entries"),
         (refused(|s| s.mesh.colours.truncate(3)), "colours: 3 entries"),
         (refused(|s| s.mesh.more_uvs[0].truncate(7)), "a further set of texture coordinates: 7 entries"),
+        (
+            refused(|s| s.mesh.attributes[0].values.truncate(39)),
+            "the attribute \"wetness\": 39 numbers; the vertices have 40",
+        ),
+        (refused(|s| s.mesh.attributes[0].width = 5), "has 5 numbers a vertex"),
+        (
+            refused(|s| {
+                let again = s.mesh.attributes[0].clone();
+                s.mesh.attributes.push(again);
+            }),
+            "two attributes are called \"wetness\"",
+        ),
         (refused(|s| s.mesh.materials.truncate(19)), "materials per triangle: 19 entries"),
         (refused(|s| s.mesh.triangles.clear()), "materials per triangle"),
         (refused(|s| s.mesh = TriangleMesh::default().into()), "no triangles"),
@@ -94,6 +107,10 @@ fn numbers_that_are_not_finite_or_out_of_range_are_refused() {
         (
             refused(|s| s.mesh.more_uvs[0][7].y = nan),
             "a further set of texture coordinates: the entry of vertex 7",
+        ),
+        (
+            refused(|s| s.mesh.attributes[0].values[8] = nan),
+            "the attribute \"wetness\": a number of vertex 8 is not finite",
         ),
         (
             refused(|s| s.materials[1] = Material::matte("wall", Vec3::new(0.5, nan, 0.5))),
@@ -240,4 +257,42 @@ fn effects_of_procedural_surfaces_are_checked() {
     let mut scene = everything();
     glow(2.0)(&mut scene);
     assert_eq!(scene.validate(), Ok(()));
+}
+
+/// A surface that reads attributes.
+#[derive(Debug)]
+struct Weathered(Vec<AttributeRequest>);
+
+impl Procedural for Weathered {
+    fn attributes(&self) -> &[AttributeRequest] {
+        &self.0
+    }
+
+    fn finish<L: Lanes>(&self, points: &Points<L>) -> Finish<L> {
+        Finish { roughness: points.attribute("wetness")[0], ..Finish::matte(points) }
+    }
+}
+
+#[test]
+fn attributes_that_a_surface_reads_and_the_mesh_lacks_are_named() {
+    let with = |name: &str, width| {
+        move |s: &mut Scene| {
+            let request = AttributeRequest { name: name.into(), width };
+            s.procedurals.push(ProceduralSurface::new(Weathered(vec![request])));
+            s.materials[7].surface = Surface::Procedural(0);
+        }
+    };
+    let mut sound = everything();
+    with("wetness", 1)(&mut sound);
+    assert!(sound.validate().is_ok());
+    let mut dry = sound.clone();
+    dry.mesh.attributes[0].values.fill(0.0);
+    assert_ne!(dry.fingerprint(), sound.fingerprint(), "pictures depend on what is read");
+    let lacks = refused(with("flow", 2));
+    assert!(
+        lacks.contains("reads the vertex attribute \"flow\", which the mesh does not have; it has wetness"),
+        "{lacks}"
+    );
+    let other = refused(with("wetness", 2));
+    assert!(other.contains("\"wetness\", of 2 numbers a vertex, but the mesh has 1 of each"), "{other}");
 }

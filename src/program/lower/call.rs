@@ -5,6 +5,7 @@ use super::picture;
 use super::scope::Scopes;
 use super::shape::unsupported;
 use super::{Frame, Lowerer, Scalar, Value};
+use crate::program::attribute;
 use crate::program::code::{Instruction, Register};
 use crate::program::finish_call::FinishFunction;
 use crate::program::integrator::HostFunction;
@@ -27,9 +28,12 @@ impl Lowerer<'_> {
                 Some(init) => self.global_scalars(init)?,
                 None => self.zeros(&module.types[global.ty].inner).map_err(|fault| fault.at(span))?,
             };
-            let value = match global.name.as_deref() == Some(parameter::VARIABLE) {
-                true => self.with_parameters(&module.types[global.ty], value)?,
-                false => value,
+            let value = match global.name.as_deref() {
+                Some(parameter::VARIABLE) => self.with_parameters(&module.types[global.ty], value)?,
+                Some(attribute::VARIABLE) => {
+                    self.vertex_attributes(handle, &module.types[global.ty], value)?
+                }
+                _ => value,
             };
             let variable = self.declare(value);
             self.globals.insert(handle, variable);

@@ -8,6 +8,7 @@
 //! A mask is `None` where it holds all points. Inside a branch or a loop a variable also has *homes*: registers that
 //! each assignment writes under the mask, so that points that skip the branch keep their values.
 
+mod attribute;
 mod base;
 mod call;
 mod expression;
@@ -158,6 +159,8 @@ struct Lowerer<'m> {
     /// The scalars of variables with homes that have been assigned since the innermost region began.
     assigned: HashSet<(VariableId, usize)>,
     globals: HashMap<Handle<naga::GlobalVariable>, VariableId>,
+    /// The value of the variable of vertex attributes.
+    attributes: Option<Rc<[Scalar]>>,
     /// Pictures with their numbers, in the order of the module.
     pictures: HashMap<Handle<naga::GlobalVariable>, u32>,
     looked_up: Vec<LookedUp>,
@@ -280,6 +283,7 @@ impl<'m> Lowerer<'m> {
             variables: Variables::default(),
             assigned: HashSet::new(),
             globals: HashMap::new(),
+            attributes: None,
             pictures: HashMap::new(),
             looked_up: Vec::new(),
             slopes: HashMap::new(),
@@ -310,9 +314,9 @@ impl<'m> Lowerer<'m> {
         function: Handle<Function>,
         given: Vec<Value>,
     ) -> Result<(Rc<[Scalar]>, Vec<Value>), Fault> {
+        let (arguments, pointed) = self.arguments(function, given)?;
         // Each call begins with the initial values of the module's variables.
         self.declare_globals()?;
-        let (arguments, pointed) = self.arguments(function, given)?;
         let mut results = self.inline(function, arguments.clone())?;
         if let Some(variable) = pointed {
             results = self.value_of(variable);

@@ -1,8 +1,11 @@
 //! Patterns as surfaces.
 
-use crate::lanes::{Int, Mask, Num, SingleLane, Vector};
-use crate::program::PatternShader;
-use crate::scene::{BlockColumns, BlockSurface, FINISH_FIELDS, Finish, Points, Procedural, Scene};
+use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
+use crate::program::kernel::first_scalar;
+use crate::program::{BsdfShader, PatternShader};
+use crate::scene::{
+    BlockColumns, BlockSurface, FINISH_FIELDS, Finish, Points, Procedural, Scattering, Scene, VertexAttribute,
+};
 use crate::stream::Stopped;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -381,4 +384,106 @@ fn further_sets_of_texture_coordinates_are_told() {
     let all = [8.0 * u, 12.0 * u, 5.0 * u + 0.75, 3.0 * v + v + 0.25];
     let close = finish(&scene).iter().zip(all).all(|(&found, expected)| (found - expected).abs() < 1e-6);
     assert!(close, "{:?}, not {all:?}", finish(&scene));
+}
+
+const WEATHERED: &str = "struct Attributes { wetness: f32, flow: vec3f }
+    var<private> attributes: Attributes;
+    fn pattern(at: Point) -> Finish {
+        var f = matte(at);
+        f.colour = attributes.flow;
+        f.roughness = attributes.wetness;
+        return f;
+    }";
+
+/// A scene of one triangle with these attributes.
+fn attributed(attributes: &[(&str, u32, &[f32])]) -> Scene {
+    let mut scene = Scene::default();
+    scene.mesh.triangles = vec![[0, 1, 2]; 4];
+    let attribute = |&(name, width, values): &(&str, u32, &[f32])| VertexAttribute {
+        name: name.into(),
+        width,
+        values: values.to_vec(),
+    };
+    scene.mesh.attributes = attributes.iter().map(attribute).collect();
+    scene
+}
+
+#[test]
+fn vertex_attributes_are_found_by_their_names() {
+    let shader = PatternShader::load("test.wgsl", WEATHERED, []).unwrap_or_else(|error| panic!("{error}"));
+    let names: Vec<(&str, u32)> = shader.attributes().iter().map(|one| (&*one.name, one.width)).collect();
+    assert_eq!(names, [("wetness", 1), ("flow", 3)]);
+    let finish = |scene: &Scene| {
+        let Finish { colour, roughness, .. } = shader.finish(&point_at(scene, [0.0; 3]));
+        [colour.x, colour.y, colour.z, roughness].map(|number| number.get())
+    };
+    assert_eq!(finish(&Scene::default()), [0.0; 4], "a mesh without them");
+    let flow = ("flow", 3, &[0.0, 1.0, 2.0, 10.0, 1.0, 2.0, 0.0, 21.0, 2.0][..]);
+    let scene = attributed(&[("other", 1, &[9.0; 3]), flow, ("wetness", 1, &[1.0, 2.0, 3.0])]);
+    // The weights of the corners are 0.7, 0.1 and 0.2.
+    let close =
+        finish(&scene).iter().zip([1.0, 5.0, 2.0, 1.5]).all(|(found, sought)| (found - sought).abs() < 1e-5);
+    assert!(close, "{:?}", finish(&scene));
+}
+
+#[test]
+fn blocks_and_vectors_see_the_same_vertex_attributes() {
+    let text = WEATHERED.replace("attributes.wetness;", "attributes.wetness * noise(base(at).colour);");
+    let shader = PatternShader::load("test.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
+    let shader = shader.with_block(Some(16));
+    let scene = attributed(&[("flow", 3, &[0.5; 9]), ("wetness", 1, &[1.0, 2.0, 3.0])]);
+    let point = point_at(&scene, [0.3; 3]);
+    let alone = shader.finish(&point);
+    let (mut points, mut finishes) = (BlockColumns::default(), BlockColumns::default());
+    points.for_points(shader.wanted(), 16);
+    finishes.for_finishes(16);
+    point.write_to(shader.wanted(), &mut points.sink(0, SingleLane::LANES));
+    shader.compute(8, 1, &points, &mut finishes);
+    let roughness = first_scalar(FINISH_FIELDS, "roughness");
+    assert_eq!(finishes.column(roughness)[0].to_bits(), alone.roughness.get().to_bits());
+    assert_eq!(finishes.column(0)[0], 0.5);
+}
+
+#[test]
+fn attributes_that_are_not_read_are_not_asked_for() {
+    let text = WEATHERED.replace("f.colour = attributes.flow;", "");
+    let shader = PatternShader::load("test.wgsl", &text, []).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(shader.attributes().len(), 1);
+    let other = WEATHERED.replace("Attributes", "Things");
+    let shader = PatternShader::load("test.wgsl", &other, []).unwrap_or_else(|error| panic!("{error}"));
+    assert!(shader.attributes().is_empty(), "a variable of the file's own");
+    let whole = WEATHERED.replace("wetness: f32", "wetness: u32").replace("attributes.wetness", "0.5");
+    let error = PatternShader::load("test.wgsl", &whole, []).expect_err("integers").to_string();
+    assert!(error.contains("`wetness`") && error.contains("test.wgsl:2:"), "{error}");
+}
+
+#[test]
+fn bsdfs_read_vertex_attributes() {
+    let text = "struct Attributes { wetness: f32, flow: vec3f }
+        var<private> attributes: Attributes;
+        struct State { wet: f32 }
+        fn prepare(at: Point) -> State { return State(attributes.wetness); }
+        fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe { return Lobe(vec3f(s.wet, attributes.wetness, wi.z), wo.z); }
+        fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
+            return Scattered(vec3f(u2, u), vec3f(s.wet), attributes.flow.y);
+        }";
+    let shader = BsdfShader::load("test.wgsl", text, []).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(shader.attributes().len(), 2);
+    let scene = attributed(&[
+        ("wetness", 1, &[0.25; 3]),
+        ("flow", 3, &[0.0, 8.0, 0.0, 0.0, 8.0, 0.0, 0.0, 8.0, 0.0]),
+    ]);
+    let point = point_at(&scene, [0.0; 3]);
+    let l = point.lanes();
+    let number = |x| Num::splat(l, x);
+    let (wo, wi) = (
+        Vector::new(number(0.0), number(0.0), number(1.0)),
+        Vector::new(number(0.6), number(0.0), number(0.8)),
+    );
+    let (value, pdf) = shader.evaluate(&point, wo, wi);
+    let found = [value.x, value.y, value.z, pdf].map(|number| number.get());
+    assert!(found.iter().zip([0.25, 0.25, 0.8, 1.0]).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");
+    let sampled = shader.sample(&point, wo, number(0.5), [number(0.125), number(0.75)]);
+    let found = [sampled.wi.x, sampled.wi.z, sampled.weight.x, sampled.pdf].map(|number| number.get());
+    assert!(found.iter().zip([0.125, 0.5, 0.25, 8.0]).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?}");
 }

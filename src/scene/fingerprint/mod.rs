@@ -24,7 +24,7 @@ mod materials;
 #[cfg(test)]
 mod tests;
 
-use super::{Environment, EnvironmentMap, Light, LightShape, Scene, TriangleMesh};
+use super::{Environment, EnvironmentMap, Light, LightShape, Scene, TriangleMesh, VertexAttribute};
 use glam::{Vec2, Vec3};
 use std::fmt::Debug;
 use xxhash_rust::xxh3::Xxh3;
@@ -41,6 +41,9 @@ const OBJECTS: u8 = 1;
 
 /// Begins the moment, which follows where a user surface asks for it.
 const MOMENT: u8 = 2;
+
+/// Begins the vertex attributes, which follow where a user surface reads one.
+const ATTRIBUTES: u8 = 3;
 
 /// A type with canonical bytes.
 pub(super) trait Encode {
@@ -180,7 +183,18 @@ impl<A: Encode, B: Encode> Encode for (A, B) {
 
 impl Encode for TriangleMesh {
     fn encode(&self, to: &mut Encoder) {
-        let Self { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = self;
+        // Only user code can look at attributes.
+        let Self {
+            positions,
+            normals,
+            uvs,
+            more_uvs,
+            colours,
+            tangents,
+            attributes: _,
+            triangles,
+            materials,
+        } = self;
         to.rows(positions);
         to.rows(normals);
         to.rows(uvs);
@@ -190,6 +204,15 @@ impl Encode for TriangleMesh {
         to.rows(tangents);
         to.rows(triangles);
         to.rows(materials);
+    }
+}
+
+impl Encode for VertexAttribute {
+    fn encode(&self, to: &mut Encoder) {
+        let Self { name, width, values } = self;
+        to.text(name);
+        width.encode(to);
+        to.rows(values);
     }
 }
 
@@ -290,6 +313,10 @@ impl Encode for Scene {
         if self.reads_moment() {
             to.variant(MOMENT);
             moment.encode(to);
+        }
+        if self.reads_attributes() {
+            to.variant(ATTRIBUTES);
+            mesh.attributes.encode(to);
         }
     }
 }

@@ -29,7 +29,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 /// The version of the format. A file of another version is refused.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// Error of writing or reading a flat scene.
 #[derive(Debug, thiserror::Error)]

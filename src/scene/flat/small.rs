@@ -6,7 +6,7 @@ use crate::geom::Placement;
 use crate::scene::{
     AnimationSpan, Averaging, Camera, CameraMotion, ColourSpace, Environment, EnvironmentMap, Instance,
     Light, Material, Mipmap, Mix, NamedCamera, Objects, Scene, Shape, SurfaceRequest, Texture, TriangleMesh,
-    Wrap,
+    VertexAttribute, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
@@ -19,6 +19,8 @@ use std::sync::Arc;
 struct Small {
     /// Sets of texture coordinates besides the first.
     more_uvs: u32,
+    /// Names and widths of vertex attributes.
+    attributes: Vec<(String, u32)>,
     shapes: Vec<SmallShape>,
     objects: Objects,
     materials: Vec<Material>,
@@ -106,6 +108,7 @@ pub fn put<'a>(scene: &'a Scene, arrays: &mut Writer<'a>) -> Result<(), FlatErro
     let environment = put_environment(environment, arrays);
     let small = Small {
         more_uvs: mesh.more_uvs.len() as u32,
+        attributes: mesh.attributes.iter().map(|one| (one.name.clone(), one.width)).collect(),
         shapes: shapes.iter().map(small_shape).collect(),
         objects: Objects::clone(objects),
         materials: materials.clone(),
@@ -141,7 +144,17 @@ fn put_environment<'a>(environment: &'a Environment, arrays: &mut Writer<'a>) ->
 }
 
 fn put_mesh<'a>(mesh: &'a TriangleMesh, arrays: &mut Writer<'a>) {
-    let TriangleMesh { positions, normals, uvs, more_uvs, colours, tangents, triangles, materials } = mesh;
+    let TriangleMesh {
+        positions,
+        normals,
+        uvs,
+        more_uvs,
+        colours,
+        tangents,
+        attributes,
+        triangles,
+        materials,
+    } = mesh;
     arrays.put(positions);
     arrays.put(normals);
     arrays.put(uvs);
@@ -150,6 +163,7 @@ fn put_mesh<'a>(mesh: &'a TriangleMesh, arrays: &mut Writer<'a>) {
     arrays.put(triangles);
     arrays.put(materials);
     more_uvs.iter().for_each(|uvs| arrays.put(uvs));
+    attributes.iter().for_each(|attribute| arrays.put(&attribute.values));
 }
 
 fn small_shape(shape: &Shape) -> SmallShape {
@@ -178,7 +192,7 @@ fn small_texture<'a>(texture: &'a Texture, images: &mut Vec<&'a Arc<[[u8; 4]]>>)
 pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
     let bytes: Vec<u8> = arrays.take()?;
     let small: Small = postcard::from_bytes(&bytes).map_err(FlatError::damaged)?;
-    let mesh = take_mesh(arrays, small.more_uvs)?;
+    let mesh = take_mesh(arrays, small.more_uvs, small.attributes)?;
     let mut shapes = Vec::new();
     for SmallShape(instances) in small.shapes {
         let (positions, triangles) = (arrays.take::<Vec3>()?, arrays.take::<[u32; 3]>()?);
@@ -225,7 +239,11 @@ pub fn take(arrays: &mut Reader) -> Result<Scene, FlatError> {
     })
 }
 
-fn take_mesh(arrays: &mut Reader, more_uvs: u32) -> Result<TriangleMesh, FlatError> {
+fn take_mesh(
+    arrays: &mut Reader,
+    more_uvs: u32,
+    attributes: Vec<(String, u32)>,
+) -> Result<TriangleMesh, FlatError> {
     let mut mesh = TriangleMesh {
         positions: arrays.take::<Vec3>()?,
         normals: arrays.take::<Vec3>()?,
@@ -235,9 +253,13 @@ fn take_mesh(arrays: &mut Reader, more_uvs: u32) -> Result<TriangleMesh, FlatErr
         triangles: arrays.take::<[u32; 3]>()?,
         materials: arrays.take::<u32>()?,
         more_uvs: Vec::new(),
+        attributes: Vec::new(),
     };
     for _ in 0..more_uvs {
         mesh.more_uvs.push(arrays.take::<Vec2>()?);
+    }
+    for (name, width) in attributes {
+        mesh.attributes.push(VertexAttribute { name, width, values: arrays.take::<f32>()? });
     }
     Ok(mesh)
 }

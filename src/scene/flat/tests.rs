@@ -7,7 +7,7 @@ use crate::scene::{
     AnimatedNode, AnimationSpan, Camera, CameraMotion, Coat, Coats, Colour, ColourSpace, Environment,
     EnvironmentMap, Finish, Interpolation, Key, Light, LightShape, Material, Mipmap, NamedCamera, Object,
     Points, Principled, Procedural, ProceduralSurface, Scene, Surface, SurfaceRequest, Texture, TextureRef,
-    Track, TriangleMesh, Wrap,
+    Track, TriangleMesh, VertexAttribute, Wrap,
 };
 use glam::{DQuat, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;
@@ -17,6 +17,8 @@ fn scene() -> Scene {
     let mut mesh = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z], vec![[0, 1, 2], [0, 2, 3]]);
     mesh.uvs = vec![Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE];
     mesh.more_uvs = vec![mesh.uvs.clone()];
+    let values = mesh.uvs.iter().flat_map(|uv| uv.to_array()).collect();
+    mesh.attributes = vec![VertexAttribute { name: "wetness".into(), width: 2, values }];
     mesh.colours = vec![Vec4::splat(0.5); 4];
     mesh.normals = vec![Vec3::Z; 4];
     mesh.materials = vec![0, 1];

@@ -90,6 +90,16 @@ pub enum SceneError {
         /// Number of the kind.
         count: usize,
     },
+    /// A surface of user code reads a vertex attribute that the mesh does not have.
+    #[error("{part}: its surface reads the vertex attribute {name:?}, {reason}")]
+    VertexAttribute {
+        /// The material.
+        part: ScenePart,
+        /// The attribute's name.
+        name: String,
+        /// What the mesh has.
+        reason: String,
+    },
     /// An image has another number of texels than its size says.
     #[error("{part}: {found} texels for {width}x{height} pixels; there must be {expected}")]
     Texels {

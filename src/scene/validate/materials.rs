@@ -2,9 +2,9 @@
 
 use super::{ABOVE_ZERO, COSINE, FINITE, INDEX_OF_REFRACTION, POSITIVE, Range, SHARE, SceneError, ScenePart};
 use crate::scene::{
-    Alpha, AlphaMode, Anisotropy, Coat, Colour, DiffuseTransmission, Effects, Emission, Iridescence,
-    Material, Medium, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Principled, Scalar,
-    Scene, Sheen, Surface, TextureRef, Transmission,
+    Alpha, AlphaMode, Anisotropy, AttributeRequest, Coat, Colour, DiffuseTransmission, Effects, Emission,
+    Iridescence, Material, Medium, NormalMap, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface,
+    Principled, Scalar, Scene, Sheen, Surface, TextureRef, Transmission,
 };
 
 impl Scene {
@@ -54,6 +54,7 @@ impl Scene {
             Surface::Procedural(i) => {
                 index("procedural surface", *i, self.procedurals.len())?;
                 let surface = &self.procedurals[*i as usize];
+                self.check_attributes(part, surface.attributes())?;
                 if let Some(own) = surface.own() {
                     self.check_principled(part, own.surface())?;
                 }
@@ -61,11 +62,23 @@ impl Scene {
             }
             Surface::Scattering(i) => {
                 index("scattering surface", *i, self.scatterings.len())?;
-                let own = self.scatterings[*i as usize].own();
-                own.map_or(Ok(()), |own| self.check_principled(part, own.surface()))
+                let surface = &self.scatterings[*i as usize];
+                self.check_attributes(part, surface.attributes())?;
+                surface.own().map_or(Ok(()), |own| self.check_principled(part, own.surface()))
             }
             Surface::Mix(i) => index("mix", *i, self.mixes.len()),
         }
+    }
+
+    /// Checks that the mesh has what a surface of user code reads.
+    fn check_attributes(&self, part: &ScenePart, read: &[AttributeRequest]) -> Result<(), SceneError> {
+        for attribute in read {
+            if let Some(reason) = attribute.refusal(&self.mesh) {
+                let name = attribute.name.clone();
+                return Err(SceneError::VertexAttribute { part: part.clone(), name, reason });
+            }
+        }
+        Ok(())
     }
 
     fn check_principled(&self, part: &ScenePart, surface: &Principled) -> Result<(), SceneError> {

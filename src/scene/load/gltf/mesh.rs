@@ -9,6 +9,7 @@ use super::bent::{Bending, Bent, Placed};
 use super::buffers::Buffers;
 use super::instance::InstancesByGeometry;
 use super::material::Converted;
+use super::own_attribute::{OwnAttribute, Widths};
 use super::variant::MaterialsByPrimitive;
 use crate::geom::{Bend, Placement};
 use crate::lanes::each;
@@ -25,6 +26,8 @@ pub(super) struct Materials<'a> {
     pub(super) chosen: &'a MaterialsByPrimitive,
     /// True if primitives without a material keep all sets of texture coordinates.
     pub(super) all_uv_sets: bool,
+    /// Attributes of the file's own.
+    pub(super) own_attributes: &'a Widths,
 }
 
 impl Materials<'_> {
@@ -78,6 +81,7 @@ pub(super) struct Attributes<'a> {
     uvs: Vec<Option<(String, Accessor<'a>)>>,
     pub(super) tangents: Option<Accessor<'a>>,
     colours: Option<Accessor<'a>>,
+    own: Vec<OwnAttribute<'a>>,
 }
 
 /// Vertices by their accessors: the first, and whether their triangles are turned round.
@@ -140,6 +144,7 @@ impl<'a> Flattened<'a> {
         if !mesh.colours.is_empty() {
             mesh.colours.resize(count, Vec4::ONE);
         }
+        mesh.complete_attributes();
         Ok((self.mesh, self.instances.shapes(context)?, self.uses_fallback, width))
     }
 
@@ -314,6 +319,7 @@ impl<'a> Flattened<'a> {
             normals,
             uvs,
             colours: primitive.get(&Semantic::Colors(0)),
+            own: self.materials.own_attributes.kept(primitive),
         };
         let count = attributes.positions.count();
         let uvs = attributes.uvs.iter().flatten().map(|(name, uvs)| (&**name, Some(uvs)));
@@ -324,6 +330,7 @@ impl<'a> Flattened<'a> {
         ]
         .into_iter()
         .chain(uvs)
+        .chain(attributes.own.iter().map(|own| (&*own.source, Some(&own.accessor))))
         {
             if let Some(found) = accessor.map(Accessor::count).filter(|&found| found != count) {
                 return Err(format!("{found} elements of {name} for {count} of POSITION"));
@@ -391,6 +398,10 @@ impl<'a> Flattened<'a> {
             // The comparison fails for NaN.
             let clamped = |channel: f32| if channel > 0.0 { channel.min(1.0) } else { 0.0 };
             extend(&mut mesh.colours, colours, stand_for, |colour| Vec4::from_array(colour.map(clamped)));
+        }
+        for own in &attributes.own {
+            let values = own.values(context, (bending, placed), stand_for)?;
+            mesh.attribute_from(&own.name, own.width, base).extend(values);
         }
         Ok(())
     }
@@ -463,6 +474,7 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         let material = materials.chosen.of(mesh.index(), &primitive);
         let sets = materials.uv_sets(material).len() + materials.further_uv_sets(&primitive, material).len();
         let more_uvs = sets as u32 - 1;
+        let numbers = materials.own_attributes.numbers(&primitive);
         // Primitives that share all their attributes share their vertices.
         let attributes: Vec<usize> = primitive.attributes().map(|(_, accessor)| accessor.index()).collect();
         let is_bent =
@@ -471,7 +483,7 @@ pub(super) fn size(buffers: &Buffers, mesh: &::gltf::Mesh, materials: Materials)
         if is_stroke(primitive.mode()) {
             (vertices, normals) = (strokes.vertices, true);
         }
-        size += MeshSize { vertices, triangles, normals, uvs, tangents, colours, more_uvs };
+        size += MeshSize { vertices, triangles, normals, uvs, tangents, colours, more_uvs, numbers };
     }
     size
 }
@@ -481,13 +493,21 @@ impl Attributes<'_> {
         let index = |accessor: &Option<Accessor>| accessor.as_ref().map(Accessor::index);
         let fixed = [&self.normals, &self.tangents, &self.colours].into_iter().map(index);
         let uvs = self.uvs.iter().map(|uvs| uvs.as_ref().map(|(_, accessor)| accessor.index()));
-        [Some(self.positions.index())].into_iter().chain(fixed).chain(uvs).collect()
+        let own = self.own.iter().map(|own| Some(own.accessor.index()));
+        [self.positions.index(), self.own.len()]
+            .map(Some)
+            .into_iter()
+            .chain(fixed)
+            .chain(uvs)
+            .chain(own)
+            .collect()
     }
 
     /// The names of the attributes that do not depend on the node's place.
     fn names(&self) -> Vec<String> {
         let uvs = self.uvs.iter().flatten().map(|(name, _)| name.clone());
-        uvs.chain(self.colours.iter().map(|_| "COLOR_0".to_owned())).collect()
+        let colours = self.colours.iter().map(|_| "COLOR_0".to_owned());
+        uvs.chain(colours).chain(self.own.iter().map(|own| own.source.clone())).collect()
     }
 }
 

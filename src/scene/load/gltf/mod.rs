@@ -20,6 +20,7 @@ mod mesh;
 mod meshopt;
 mod node;
 mod object;
+mod own_attribute;
 mod pointer;
 mod pose;
 mod span;
@@ -37,6 +38,7 @@ use ::gltf::json::validation::{Error as Invalid, Validate};
 use ::gltf::json::{Path as JsonPath, Root, Value};
 use buffers::Buffers;
 use mesh::Materials;
+use own_attribute::Widths;
 use pointer::Pointers;
 use serde::Deserialize;
 use std::path::Path;
@@ -115,7 +117,8 @@ impl File {
             surface_requests.extend(request);
         }
         let all_uv_sets = context.session.options.all_uv_sets;
-        let known = Materials { converted: &converted, chosen: &chosen, all_uv_sets };
+        let own_attributes = &Widths::of(document, &mut context.session.warnings);
+        let known = Materials { converted: &converted, chosen: &chosen, all_uv_sets, own_attributes };
         let world = node::flatten(&mut context, known)?;
         let mut materials: Vec<Material> = converted.into_iter().map(|m| m.material).collect();
         if world.uses_fallback {
