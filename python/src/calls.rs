@@ -132,7 +132,7 @@ impl<'py> RayCall<'_, 'py> {
         let (count, rule, most) = (self.rays.len(), self.rule, most.unwrap_or(usize::MAX));
         check_memory("an answer", count, size_of::<i64>())?;
         let (all, mut columns) = (self.rays.all()?, list_columns(&want));
-        let bytes = want.names().map(|(_, bytes)| bytes).sum::<usize>() + size_of::<i64>();
+        let bytes = want.names().map(|(_, bytes)| bytes).sum::<usize>();
         Threads::new(self.threads, count, FEW)?.in_blocks(py, count, FIRST_RAYS, |block| {
             if block.start == 0 {
                 asked.expect_hits(&all, rule, most, &mut columns);
@@ -157,23 +157,21 @@ const LISTED_RAYS: usize = 1 << 14;
 fn list_columns(want: &Want) -> HitListColumns {
     HitListColumns {
         offsets: vec![0],
-        ray: Some(Vec::new()),
         t: want.has("t").then(Vec::new),
         primitive: want.has("primitive").then(Vec::new),
         instance: want.has("instance").then(Vec::new),
         uv: want.has("uv").then(Vec::new),
+        // It follows from the offsets where it is asked for.
+        ray: None,
     }
 }
 
 /// An answer of lists.
 fn lists_of(py: Python<'_>, columns: HitListColumns) -> PyResult<Hits> {
-    let (hits, HitListColumns { offsets, ray, t, primitive, instance, uv }) = ([columns.len()], columns);
-    let (offsets, rays): (Vec<i64>, _) = (cast_vec(offsets), ray.unwrap_or_default());
+    let (hits, HitListColumns { offsets, t, primitive, instance, uv, .. }) = ([columns.len()], columns);
+    let offsets: Vec<i64> = cast_vec(offsets);
     let rows = [offsets.len()];
-    let mut arrays = vec![
-        ("offsets", array(py, offsets, &rows, 1)?),
-        ("ray", array(py, cast_vec::<u64, i64>(rays), &hits, 1)?),
-    ];
+    let mut arrays = vec![("offsets", array(py, offsets, &rows, 1)?)];
     if let Some(t) = t {
         arrays.push(("t", array(py, t, &hits, 1)?));
     }

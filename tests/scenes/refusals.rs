@@ -275,7 +275,7 @@ impl Procedural for Weathered {
 
 #[test]
 fn attributes_that_a_surface_reads_and_the_mesh_lacks_are_named() {
-    let with = |name: &str, width| {
+    let with = |name: &'static str, width| {
         move |s: &mut Scene| {
             let request = AttributeRequest { name: name.into(), width };
             s.procedurals.push(ProceduralSurface::new(Weathered(vec![request])));

@@ -6,7 +6,8 @@ use crate::scene::{
     Alpha, AlphaMode, Anisotropy, Averaging, Channel, Coat, Coats, Colour, ColourSpace, DiffuseTransmission,
     Emission, Environment, EnvironmentMap, Finish, Iridescence, Light, LightShape, Material, Medium, Mipmap,
     Mix, NormalMap, Object, OpenPbr, OpenPbrCoat, OpenPbrFuzz, OpenPbrSubsurface, Points, Principled,
-    Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh, Wrap,
+    Procedural, ProceduralSurface, Scalar, Scene, Sheen, Surface, Texture, TextureRef, TriangleMesh,
+    VertexAttribute, Wrap,
 };
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::BTreeMap;
@@ -326,6 +327,7 @@ fn every_field_of_textures_lights_and_meshes_counts() {
         Light { intensity: Vec3::X, shape: LightShape::Point { position: Vec3::Y } }
         except { name: "another".into() }
     );
+    let wetness = VertexAttribute { name: "wetness".into(), width: 1, values: vec![1.0] };
     each_field_counts!(
         TriangleMesh::default(),
         TriangleMesh {
@@ -338,7 +340,9 @@ fn every_field_of_textures_lights_and_meshes_counts() {
             triangles: vec![[0; 3]; 12],
             materials: vec![0; 12],
         }
+        except { attributes: vec![wetness.clone()] }
     );
+    each_field_counts!(wetness, VertexAttribute { name: "flow".into(), width: 2, values: vec![1.0, 1.0] });
 }
 
 /// A surface of user code.

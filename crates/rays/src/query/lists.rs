@@ -12,24 +12,19 @@ use std::iter;
 
 thread_local! {
     /// Taken by a call while it lists.
-    static LISTING: Cell<Listing> = const { Cell::new(Listing::new()) };
+    static LISTINGS: Cell<Vec<Listing>> = const { Cell::new(Vec::new()) };
 }
 
-/// Memory for lists of hits.
+/// The hits of some consecutive rays, and memory to list those of others.
 #[derive(Default)]
 struct Listing {
     /// Hits with the indices of their rays, in the order in which they are found.
     found: Vec<(u32, Hit)>,
-    /// The hits of one ray after those of the ray before.
+    /// The hits of one ray after those of the ray before: so many at the beginning.
     sorted: Vec<Hit>,
-    /// Where they end, by ray.
+    kept: usize,
+    /// Where they end, by ray, and one number more.
     ends: Vec<usize>,
-}
-
-impl Listing {
-    const fn new() -> Self {
-        Self { found: Vec::new(), sorted: Vec::new(), ends: Vec::new() }
-    }
 }
 
 /// The most rays whose hits one thread lists at a time: a sub-stream, whose hits stay in the second-level cache.
@@ -42,7 +37,7 @@ const COUNTED_OF: usize = 4096;
 /// Room for hits, by the number that is expected.
 const MORE_HITS: f64 = 1.1;
 
-/// The most hits that a thread keeps memory for.
+/// The most hits that a thread keeps memory for from call to call.
 const KEPT_HITS: usize = 1 << 20;
 
 /// All hits of many rays: those of one ray after those of the ray before, nearest first.
@@ -120,10 +115,7 @@ impl HitListColumns {
 }
 
 /// Lists to which the hits of more rays are appended.
-pub(super) trait Lists: Sized + Send + Sync {
-    /// The same kind of lists, empty.
-    fn empty(&self) -> Self;
-
+pub(super) trait Lists {
     /// Appends the hits of rays, which end at these indices.
     fn append_sorted(
         &mut self,
@@ -131,16 +123,9 @@ pub(super) trait Lists: Sized + Send + Sync {
         hits: &[Hit],
         ends: &[usize],
     ) -> Result<(), TryReserveError>;
-
-    /// Appends other lists.
-    fn append(&mut self, part: &Self) -> Result<(), TryReserveError>;
 }
 
 impl Lists for HitLists {
-    fn empty(&self) -> Self {
-        Self::default()
-    }
-
     fn append_sorted(
         &mut self,
         target: &Target<'_>,
@@ -150,15 +135,6 @@ impl Lists for HitLists {
         let before = self.begin(ends.len())?;
         self.hits.try_reserve(hits.len())?;
         self.hits.extend(hits.iter().map(|hit| target.world_hit(hit)));
-        self.offsets.extend(ends.iter().map(|end| before + end));
-        Ok(())
-    }
-
-    fn append(&mut self, part: &Self) -> Result<(), TryReserveError> {
-        let ends = part.offsets.get(1..).unwrap_or_default();
-        let before = self.begin(ends.len())?;
-        self.hits.try_reserve(part.hits.len())?;
-        self.hits.extend_from_slice(&part.hits);
         self.offsets.extend(ends.iter().map(|end| before + end));
         Ok(())
     }
@@ -176,17 +152,6 @@ impl HitLists {
 }
 
 impl Lists for HitListColumns {
-    fn empty(&self) -> Self {
-        Self {
-            offsets: Vec::new(),
-            ray: self.ray.as_ref().map(|_| Vec::new()),
-            t: self.t.as_ref().map(|_| Vec::new()),
-            primitive: self.primitive.as_ref().map(|_| Vec::new()),
-            instance: self.instance.as_ref().map(|_| Vec::new()),
-            uv: self.uv.as_ref().map(|_| Vec::new()),
-        }
-    }
-
     fn append_sorted(
         &mut self,
         target: &Target<'_>,
@@ -228,21 +193,6 @@ impl Lists for HitListColumns {
         }
         Ok(())
     }
-
-    fn append(&mut self, part: &Self) -> Result<(), TryReserveError> {
-        let ends = part.offsets.get(1..).unwrap_or_default();
-        self.begin(ends.len())?;
-        let (rays, before) = (self.offsets.len() as u64 - 1, self.len() as u64);
-        self.offsets.extend(ends.iter().map(|end| before + end));
-        if let (Some(column), Some(part)) = (&mut self.ray, &part.ray) {
-            grow(column, part.len())?;
-            column.extend(part.iter().map(|ray| rays + ray));
-        }
-        append_column(&mut self.t, &part.t)?;
-        append_column(&mut self.primitive, &part.primitive)?;
-        append_column(&mut self.instance, &part.instance)?;
-        append_column(&mut self.uv, &part.uv)
-    }
 }
 
 impl HitListColumns {
@@ -254,14 +204,6 @@ impl HitListColumns {
         }
         Ok(())
     }
-}
-
-fn append_column<T: Copy>(column: &mut Option<Vec<T>>, part: &Option<Vec<T>>) -> Result<(), TryReserveError> {
-    if let (Some(column), Some(part)) = (column, part) {
-        grow(column, part.len())?;
-        column.extend_from_slice(part);
-    }
-    Ok(())
 }
 
 impl Target<'_> {
@@ -299,40 +241,50 @@ impl Target<'_> {
         lists: &mut L,
     ) -> Result<(), TryReserveError> {
         let count = rays.len();
-        let part = |first: usize, lists: &mut L| {
-            self.append_part(rays, first, LISTED_AT_ONCE.min(count - first), rule, most, lists)
+        let list = |first: usize, listing: &mut Listing| {
+            self.list_part(rays, first, LISTED_AT_ONCE.min(count - first), (rule, most), listing)
         };
-        let mut starts = (0..count).step_by(LISTED_AT_ONCE);
-        let threads = rayon::current_num_threads();
-        if count <= LISTED_AT_ONCE || threads == 1 {
-            return starts.try_for_each(|first| part(first, lists));
-        }
-        let starts: Vec<usize> = starts.collect();
+        let mut append = |listing: &Listing| {
+            let rays = listing.ends.len().saturating_sub(1);
+            lists.append_sorted(self, &listing.sorted[..listing.kept], &listing.ends[..rays])
+        };
+        let starts: Vec<usize> = (0..count).step_by(LISTED_AT_ONCE).collect();
         // So few at a time that not all hits are in memory twice.
-        for starts in starts.chunks(2 * threads) {
-            let empty = lists.empty();
-            let parts = starts.par_iter().map(|&first| {
-                let mut list = empty.empty();
-                part(first, &mut list)?;
-                Ok(list)
-            });
-            let parts: Vec<L> = parts.collect::<Result<_, TryReserveError>>()?;
-            parts.iter().try_for_each(|part| lists.append(part))?;
+        let at_once = match rayon::current_num_threads() {
+            1 => 1,
+            threads => starts.len().min(2 * threads),
+        };
+        let mut listings = LISTINGS.take();
+        listings.resize_with(listings.len().max(at_once), Listing::default);
+        for starts in starts.chunks(at_once.max(1)) {
+            let listings = &mut listings[..starts.len()];
+            match (starts, &mut *listings) {
+                (&[first], [listing]) => list(first, listing)?,
+                _ => {
+                    let listed = starts.par_iter().zip(&mut *listings);
+                    listed.try_for_each(|(&first, listing)| list(first, listing))?;
+                }
+            }
+            listings.iter().try_for_each(&mut append)?;
         }
+        let mut kept = 0;
+        listings.retain(|listing| {
+            kept += listing.found.capacity();
+            kept <= KEPT_HITS
+        });
+        LISTINGS.set(listings);
         Ok(())
     }
 
-    /// Appends the hits of consecutive rays on the calling thread.
-    fn append_part(
+    /// Lists the first `most` hits of consecutive rays on the calling thread.
+    fn list_part(
         &self,
         rays: &Rays<'_>,
         first: usize,
         len: usize,
-        rule: Rule,
-        most: usize,
-        lists: &mut impl Lists,
+        (rule, most): (Rule, usize),
+        Listing { found, sorted, kept, ends }: &mut Listing,
     ) -> Result<(), TryReserveError> {
-        let Listing { mut found, mut sorted, mut ends } = LISTING.take();
         found.clear();
         ends.clear();
         ends.resize(len + 1, 0);
@@ -361,16 +313,12 @@ impl Target<'_> {
         sorted.try_reserve(found.len().saturating_sub(sorted.len()))?;
         sorted.resize(sorted.len().max(found.len()), Hit::NONE);
         // Each goes to the next place of its ray, so that beginnings become ends.
-        for (ray, hit) in &found {
+        for (ray, hit) in &*found {
             let place = &mut ends[*ray as usize];
             sorted[*place] = *hit;
             *place += 1;
         }
-        let hits = sort_each(&mut sorted, &mut ends[..len], most);
-        lists.append_sorted(self, &sorted[..hits], &ends[..len])?;
-        if found.capacity() <= KEPT_HITS {
-            LISTING.set(Listing { found, sorted, ends });
-        }
+        *kept = sort_each(sorted, &mut ends[..len], most);
         Ok(())
     }
 }
