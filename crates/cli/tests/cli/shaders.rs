@@ -1,6 +1,6 @@
 //! Shaders in WGSL.
 
-use super::{folder, json, raystream, run, shipped};
+use super::{folder, gltf, json, raystream, run, shipped};
 use std::path::Path;
 
 /// A recipe with a sphere whose material asks for a shader beside it.
@@ -514,4 +514,42 @@ fn watched_shaders_are_used_by_the_next_pass_and_errors_keep_the_last_good_one()
     assert!(shows(&pictures[1]) && process.0.try_wait().expect("a child").is_none());
     save(&versions[2]);
     wait_until("the picture of the mended shader", &mut process, || shows(&pictures[2]));
+}
+
+#[test]
+fn patterns_read_the_attributes_of_a_file_by_their_names() {
+    let folder = folder();
+    let folder = folder.path();
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("written");
+    let arrays = [
+        gltf::Array::floats("VEC3", &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0]),
+        gltf::Array::floats("SCALAR", &[0.1, 0.9, 0.4]),
+        gltf::Array::floats("VEC2", &[0.1, 0.7, 0.9, 0.2, 0.4, 0.5]),
+    ];
+    let attributes = serde_json::json!({ "POSITION": 0, "_WETNESS": 1, "_FLOW": 2, "TEXCOORD_0": 2 });
+    let rest = serde_json::json!({
+        "meshes": [{ "primitives": [{ "attributes": attributes, "material": 0 }] }],
+        "materials": [{ "name": "wall" }],
+        "nodes": [{ "mesh": 0 }],
+    });
+    write("scene.gltf", &gltf::file(&arrays, rest));
+    let pattern =
+        "fn pattern(at: Point) -> Finish { var f = matte(at); f.colour = vec3f(VALUES); return f; }";
+    let head = "struct Attributes { wetness: f32, flow: vec2f }\nvar<private> attributes: Attributes;\n";
+    write("own.wgsl", &format!("{head}{}", pattern.replace("VALUES", "attributes.wetness, attributes.flow")));
+    write("uv.wgsl", &pattern.replace("VALUES", "at.uv.x, at.uv"));
+    write(
+        "lacks.wgsl",
+        &format!("{}{pattern}", head.replace("wetness", "dryness")).replace("VALUES", "attributes.dryness"),
+    );
+    let expected = hash(folder, "scene.gltf", &["--surface", "wall=uv.wgsl"]);
+    let own = ["--surface", "wall=own.wgsl"];
+    for more in [["--simd", "scalar", "--threads", "1"], ["--simd", "auto", "--threads", "2"]] {
+        assert_eq!(hash(folder, "scene.gltf", &[&own[..], &more[..]].concat()), expected, "{more:?}");
+    }
+    let args = ["render", "scene.gltf", "-o", "q.png", "--surface", "wall=lacks.wgsl"];
+    let error = run(folder, &args, 2);
+    let told = "reads the vertex attribute \"dryness\", which the mesh does not have; it has ";
+    assert!(error.contains("\"wall\"") && error.contains(told) && error.contains("wetness"), "{error}");
+    assert!(!folder.join("q.png").exists());
 }
