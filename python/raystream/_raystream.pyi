@@ -256,6 +256,7 @@ class Scene:
         normals: ArrayLike | None = None,
         colours: ArrayLike | None = None,
         uvs: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None: ...
     def add(
         self,
@@ -268,6 +269,7 @@ class Scene:
         normals: ArrayLike | None = None,
         colours: ArrayLike | None = None,
         uvs: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None: ...
     def __len__(self) -> int: ...
     @property

@@ -201,8 +201,8 @@ impl Queries {
     ///
     /// The answer has a row for each hit, in the columns of `want` (t, primitive, instance, uv), and two columns more:
     /// `offsets`, int64, one longer than the rays: the hits of ray i (in C order) are rows `offsets[i]` to `offsets[i
-    /// + 1]`; and `ray`, int64, the ray of each row, which is computed when it is first read. `max_hits` keeps the nearest so many of each ray. Arguments and
-    /// rule are those of `count`.
+    /// + 1]`; and `ray`, int64, the ray of each row, which is computed when it is first read. `max_hits` keeps the
+    /// nearest so many of each ray. Arguments and rule are those of `count`.
     #[pyo3(signature = (
         rays, directions=None, *, t_min=None, t_max=None, want=None, max_hits=None, rule="half-open",
         threads=None, check=false

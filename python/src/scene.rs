@@ -9,11 +9,11 @@ use crate::threads::Threads;
 use crate::world::matrices;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use numpy::{PyArray, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyKeyError, PyMemoryError, PyValueError};
+use pyo3::exceptions::{PyKeyError, PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use raystream::memory::MemoryBudget;
-use raystream::scene::{self, Assembly, AssemblyError, Part, Shared, TriangleMesh};
+use raystream::scene::{self, Assembly, AssemblyError, Part, Shared, TriangleMesh, VertexAttribute};
 use std::sync::Arc;
 
 /// Named objects with what they look like, to be rendered.
@@ -76,6 +76,8 @@ struct Attributes<'a, 'py> {
     normals: Given<'a, 'py>,
     colours: Given<'a, 'py>,
     uvs: Given<'a, 'py>,
+    /// Those with names of their own, in a dictionary.
+    named: Given<'a, 'py>,
 }
 
 /// State of a scene in a pickle: its materials, and for each object keywords of `add` and the number of its material.
@@ -85,7 +87,8 @@ type Pickled<'py> = (Vec<Py<Material>>, Vec<(Bound<'py, PyDict>, Option<usize>)>
 impl Scene {
     #[new]
     #[pyo3(signature = (
-        vertices=None, faces=None, *, name="mesh", material=None, transform=None, normals=None, colours=None, uvs=None
+        vertices=None, faces=None, *, name="mesh", material=None, transform=None, normals=None, colours=None, uvs=None,
+        attributes=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn new(
@@ -98,13 +101,19 @@ impl Scene {
         normals: Given<'_, '_>,
         colours: Given<'_, '_>,
         uvs: Given<'_, '_>,
+        attributes: Given<'_, '_>,
     ) -> PyResult<Self> {
         let scene = Self { state: Guarded::new(State::default()) };
         match vertices {
             Some(vertices) => {
-                scene.add(py, vertices, faces, Some(name), material, transform, normals, colours, uvs)?;
+                let name = Some(name);
+                scene
+                    .add(py, vertices, faces, name, material, transform, normals, colours, uvs, attributes)?;
             }
-            None if [faces, material, transform, normals, colours, uvs].iter().any(Option::is_some) => {
+            None if [faces, material, transform, normals, colours, uvs, attributes]
+                .iter()
+                .any(Option::is_some) =>
+            {
                 return Err(PyValueError::new_err("an object needs vertices; Scene() alone is empty"));
             }
             None => {}
@@ -123,7 +132,8 @@ impl Scene {
     /// `normals`, `(v, 3)`, are interpolated (flat triangles without them; 0 for a vertex that has none); `colours`,
     /// `(v, 3)` or `(v, 4)`, linear, 0 to 1, multiply the material's colour and, if there is a fourth column, its
     /// alpha; `uvs`, `(v, 2)` or several sets of them, `(n, v, 2)`, are where textures lie and what shaders and the
-    /// layer uv see, with (0, 0) at the first row of an image. All are stored in float32.
+    /// layer uv see, with (0, 0) at the first row of an image; `attributes`, a dictionary of arrays `(v,)` or `(v, n)`
+    /// with n from 1 to 4, are what a shader's `struct Attributes` reads by these names. All are stored in float32.
     ///
     /// ValueError names the object and the first vertex, face or number that is wrong; a scene that does not fit in
     /// memory raises MemoryError. The scene is then as it was.
@@ -138,7 +148,8 @@ impl Scene {
     /// >>> scene.objects, scene.materials
     /// (['plate', 'lamp'], ['steel', 'lamp'])
     #[pyo3(signature = (
-        vertices, faces=None, *, name=None, material=None, transform=None, normals=None, colours=None, uvs=None
+        vertices, faces=None, *, name=None, material=None, transform=None, normals=None, colours=None, uvs=None,
+        attributes=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "Python has keywords")]
     fn add(
@@ -152,12 +163,13 @@ impl Scene {
         normals: Given<'_, '_>,
         colours: Given<'_, '_>,
         uvs: Given<'_, '_>,
+        attributes: Given<'_, '_>,
     ) -> PyResult<()> {
         let numbered = || Ok::<_, PyErr>(format!("object {}", self.state.now()?.assembly.parts().len()));
         let name = name.map_or_else(numbered, |name| Ok(name.to_owned()))?;
         let material = material.map(|given| Material::read(given, &name)).transpose()?;
         let transforms = transform.map_or(Ok(vec![DMat4::IDENTITY]), matrices)?;
-        let mut mesh = mesh_of(vertices, faces, &Attributes { normals, colours, uvs })?;
+        let mut mesh = mesh_of(vertices, faces, &Attributes { normals, colours, uvs, named: attributes })?;
         let threads = Threads::all()?;
         threads.run(py, || mesh.normalise_normals());
         self.insert(py, Part { transforms, ..Part::new(name, mesh) }, material)
@@ -219,9 +231,14 @@ impl Scene {
         for (keywords, material) in objects {
             let of = |name: &str| -> PyResult<Option<Bound<'_, PyAny>>> { keywords.get_item(name) };
             let required = |name: &str| of(name)?.ok_or_else(|| PyKeyError::new_err(name.to_owned()));
-            let (normals, colours, uvs) = (of("normals")?, of("colours")?, of("uvs")?);
-            let attributes =
-                Attributes { normals: normals.as_ref(), colours: colours.as_ref(), uvs: uvs.as_ref() };
+            let [normals, colours, uvs, named] =
+                [of("normals")?, of("colours")?, of("uvs")?, of("attributes")?];
+            let attributes = Attributes {
+                normals: normals.as_ref(),
+                colours: colours.as_ref(),
+                uvs: uvs.as_ref(),
+                named: named.as_ref(),
+            };
             let mesh = mesh_of(&required("vertices")?, of("faces")?.as_ref(), &attributes)?;
             let transforms = matrices(&required("transform")?)?;
             let name: String = required("name")?.extract()?;
@@ -274,7 +291,7 @@ impl Scene {
     /// If the mesh has no triangles.
     pub fn of_mesh(mesh: &Bound<'_, Mesh>) -> PyResult<Self> {
         let py = mesh.py();
-        Self::new(py, Some(mesh.as_any()), None, "mesh", None, None, None, None, None)
+        Self::new(py, Some(mesh.as_any()), None, "mesh", None, None, None, None, None, None)
     }
 }
 
@@ -326,7 +343,40 @@ fn mesh_of(
         mesh.uvs = sets.next().unwrap_or_default();
         mesh.more_uvs = sets.collect();
     }
+    if let Some(named) = of.named {
+        let named =
+            named.cast::<PyDict>().map_err(|_| PyTypeError::new_err("attributes: a dictionary of arrays"))?;
+        mesh.attributes = named
+            .iter()
+            .map(|(name, values)| named_attribute(&name, &values, count))
+            .collect::<PyResult<_>>()?;
+    }
     Ok(mesh)
+}
+
+/// An attribute with a name of its own, of so many vertices.
+fn named_attribute(
+    name: &Bound<'_, PyAny>,
+    values: &Bound<'_, PyAny>,
+    count: usize,
+) -> PyResult<VertexAttribute> {
+    let name: String = name.extract()?;
+    let told = format!("attributes[{name:?}]");
+    let values = numbers::<f32>(values, &told)?;
+    let width = match *values.shape() {
+        [_] => 1,
+        [_, width @ 1..=4] => width,
+        _ => {
+            let found = format!(
+                "{told} {:?} for {count} vertices; it must be (v,) or (v, n), n from 1 to 4",
+                values.shape()
+            );
+            return Err(PyValueError::new_err(found));
+        }
+    };
+    let expected = if values.shape().len() == 1 { vec![count] } else { vec![count, width] };
+    let values = checked(&values, &expected, &told)?;
+    Ok(VertexAttribute { name, width: width as u32, values })
 }
 
 /// The keywords of `add` that make a part, but for its material.
@@ -355,6 +405,14 @@ fn keywords_of<'py>(py: Python<'py>, part: &Part) -> PyResult<Bound<'py, PyDict>
         let uvs: Vec<f32> = sets.flat_map(|uvs| bytemuck::cast_slice::<Vec2, f32>(uvs)).copied().collect();
         let shape = [1 + mesh.more_uvs.len(), mesh.uvs.len()];
         keywords.set_item("uvs", array(py, uvs, &shape, 2)?)?;
+    }
+    if !mesh.attributes.is_empty() {
+        let named = PyDict::new(py);
+        for VertexAttribute { name, width, values } in &mesh.attributes {
+            let rows = [mesh.positions.len()];
+            named.set_item(name, array(py, values.clone(), &rows, *width as usize)?)?;
+        }
+        keywords.set_item("attributes", named)?;
     }
     Ok(keywords)
 }

@@ -1,5 +1,6 @@
 """Rays: first hits, occlusion, counts, lists, sums."""
 
+import pickle
 import unittest
 
 import numpy as np
@@ -109,6 +110,9 @@ class Counting(unittest.TestCase):
         lists, count = mesh.all_hits(question, want="t primitive uv instance"), mesh.count(question)
         np.testing.assert_array_equal(np.diff(lists.offsets), count)
         np.testing.assert_array_equal(lists.ray, np.repeat(np.arange(5000), count))
+        self.assertTrue("ray" in lists and lists.ray is lists["ray"] and lists.ray.dtype == np.int64)
+        self.assertEqual([*lists.keys()], ["offsets", "ray", "t", "primitive", "instance", "uv"])
+        self.assertEqual(pickle.loads(pickle.dumps(lists)).hash(), lists.hash())
         self.assertTrue((np.diff(lists.t)[np.diff(lists.ray) == 0] >= 0).all())
         first = mesh.cast(question, rule="half-open")
         np.testing.assert_array_equal(lists.t[lists.offsets[:-1][count > 0]], first.t[count > 0])

@@ -307,6 +307,29 @@ class Copies(unittest.TestCase):
             other.add(CORNERS, FACES, name="d")
             self.assertEqual((len(other), len(scene), hash_of(scene)), (5, 4, expected))
 
+    def test_shaders_read_vertex_attributes_by_their_names(self):
+        wetness, flow = np.array([0.1, 0.9, 0.4, 0.6]), np.array([[0, 1], [0.5, 0.5], [1, 0], [0.2, 0.3]])
+        attributes = {"wetness": wetness, "flow": flow}
+        scene = square(uvs=[UVS, flow], material={"colour": [1, 1, 1]}, name="wall", attributes=attributes)
+        head = "struct Attributes { wetness: f32, flow: vec2f }\nvar<private> attributes: Attributes;\n"
+        text = "fn pattern(at: Point) -> Finish { var f = matte(at); f.colour = vec3f(VALUES, 0.5); return f; }"
+        with tempfile.TemporaryDirectory() as folder:
+            def picture(of, values):
+                file = Path(folder, "pattern.wgsl")
+                file.write_text(head + text.replace("VALUES", values))
+                return rs.render(of, surface=f"wall={file}", **FRONT).image
+
+            expected = picture(scene, "at.uv1")
+            for other in (scene, pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
+                np.testing.assert_array_equal(picture(other, "attributes.flow"), expected)
+            self.assertTrue((picture(scene, "attributes.wetness, 0.5") != expected).any())
+            with self.assertRaisesRegex(ValueError, 'vertex attribute "wetness", which the mesh does not have'):
+                picture(square(name="wall", material={}), "attributes.wetness, 0.5")
+        wrong_ones = [(np.zeros(3), "wetness"), (np.zeros((4, 5)), "n from 1 to 4"), ([0, 1, 2, np.nan], "vertex 3")]
+        for wrong, told in wrong_ones:
+            with self.assertRaisesRegex(ValueError, told):
+                square(attributes={"wetness": wrong})
+
     def test_materials_and_textures_pickle_and_copy(self):
         texture = rs.Texture(np.linspace(0, 1, 12).reshape(2, 2, 3), wrap="mirror", scale=(2, 3))
         material = rs.Material("m", colour=(1, 0.5, 0), roughness=np.float32(0.25), texture=texture)

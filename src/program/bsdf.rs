@@ -110,10 +110,9 @@ impl Prepared {
     fn of(loaded: &Loaded, lowered: &Lowered) -> Result<Self, ShaderError> {
         let kernel = Kernel::new(lowered.code.clone(), loaded.pictures()?);
         let inputs = kernel.inputs_over_material(&loaded.attributes());
-        let behind = BlockColumns::ATTRIBUTES..FIRST_INPUT as usize;
-        let arguments = kernel.code.inputs.iter().filter_map(|&(scalar, register)| {
-            behind.contains(&(scalar as usize)).then(|| (scalar as usize - behind.start, register))
-        });
+        let behind = BlockColumns::ATTRIBUTES as u32..FIRST_INPUT;
+        let arguments = kernel.code.inputs.iter().filter(|(scalar, _)| behind.contains(scalar));
+        let arguments = arguments.map(|&(scalar, register)| ((scalar - behind.start) as usize, register));
         Ok(Self { arguments: arguments.collect(), inputs, kernel })
     }
 }

@@ -134,7 +134,7 @@ impl PointInputs {
         PointWriter { columns, inputs: self, lanes }
     }
 
-    /// What is read of points.
+    /// The fields of points that are read.
     pub fn wanted(&self) -> WantedFields<'_> {
         WantedFields { fields: self.fields, attributes: &self.attributes }
     }

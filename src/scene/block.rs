@@ -9,7 +9,7 @@ use std::fmt::Debug;
 
 /// A procedural surface that costs less for a block of many hits than for 8 or 16.
 pub trait BlockSurface: Debug + Send + Sync {
-    /// What it reads of points.
+    /// The fields of points that it reads.
     fn wanted(&self) -> WantedFields<'_>;
 
     /// The most points of a block, a multiple of 16.
@@ -19,10 +19,10 @@ pub trait BlockSurface: Debug + Send + Sync {
     fn compute(&self, lanes: usize, points: usize, from: &BlockColumns, to: &mut BlockColumns);
 }
 
-/// What a surface reads of points.
+/// Fields of points that a surface reads.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WantedFields<'a> {
-    /// Bit `i` is field `i` of [`POINT_FIELDS`], and the highest bit stands for the finish of the material itself, whose
+    /// Bit `i` is field `i` of [`POINT_FIELDS`]; the highest bit stands for the finish of the material itself, whose
     /// scalars follow those of all fields.
     pub fields: u64,
     /// Vertex attributes, whose scalars follow those of a finish.

@@ -545,7 +545,6 @@ fn attributes_of_the_files_own_have_their_names_and_numbers() {
     primitive["_Flow"] = json!(other);
     document.json["meshes"].as_array_mut().expect("meshes").push(both);
     document.json["nodes"].as_array_mut().expect("nodes").push(json!({ "mesh": 1 }));
-    document.json["scenes"][0]["nodes"] = json!([0, 1]);
     let scene = document.scene();
     assert!(warns(&scene, &["_Flow", "3 numbers", "2 in another"]), "{:?}", scene.warnings);
     assert_eq!(found(&scene, "wetness"), Some((1, vec![0.25, 0.0, 0.75, 0.0, 0.0, 0.0])));

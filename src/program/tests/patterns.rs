@@ -463,7 +463,9 @@ fn bsdfs_read_vertex_attributes() {
         var<private> attributes: Attributes;
         struct State { wet: f32 }
         fn prepare(at: Point) -> State { return State(attributes.wetness); }
-        fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe { return Lobe(vec3f(s.wet, attributes.wetness, wi.z), wo.z); }
+        fn evaluate(s: State, wo: vec3f, wi: vec3f) -> Lobe {
+            return Lobe(vec3f(s.wet, attributes.wetness, wi.z), wo.z);
+        }
         fn sample(s: State, wo: vec3f, u: f32, u2: vec2f) -> Scattered {
             return Scattered(vec3f(u2, u), vec3f(s.wet), attributes.flow.y);
         }";

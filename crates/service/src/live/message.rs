@@ -32,8 +32,9 @@ pub struct FrameFlags {
 /// An encoded frame.
 ///
 /// Header, little-endian: `RSF1`; payload kind `u8` (1 JPEG, 5 PNG file, 6 EXR file); flags `u8` (1 moving, 2 last,
-/// 4 coarse); 2 bytes of zeros; generation `u32`; sequence number `u32`; left, top, width, height of the payload in pixels, each
-/// `u16`; samples a pixel `u32`; milliseconds from the change that the frame answers to its encoding `u32`.
+/// 4 coarse); 2 bytes of zeros; generation `u32`; sequence number `u32`; left, top, width, height of the payload in
+/// pixels, each `u16`; samples a pixel `u32`; milliseconds from the change that the frame answers to its encoding
+/// `u32`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Frame {

@@ -33,7 +33,7 @@ impl Widths {
                 let first = *widths.entry(name).or_insert(width);
                 if first != width {
                     warnings.add(format!(
-                        "{source} has {first} numbers a vertex in one mesh and {width} in another, where it is left out."
+                        "{source} has {first} numbers a vertex in one mesh, and {width} in another, which loses it."
                     ));
                 }
             }
