@@ -48,8 +48,8 @@ impl TriangleSink for Counter<'_> {
     }
 }
 
-/// Hands the crossings of rays that are traced to the bit as they are tested to a function, with the indices of the
-/// rays. It returns false where no more are wanted.
+/// Hands the crossings of rays that are traced to the bit as they are tested to a function, each with the index of its
+/// ray. It returns false where no more are wanted.
 struct Lister<'a, F> {
     rays: &'a [Ray],
     level: SimdLevel,
@@ -59,7 +59,7 @@ struct Lister<'a, F> {
     more: bool,
 }
 
-impl<F: FnMut(&[(u32, Hit)]) -> bool> Lister<'_, F> {
+impl<F: FnMut(u32, &Hit) -> bool> Lister<'_, F> {
     /// The crossing of a candidate by the exact numbers.
     fn hit(&self, &Candidate { ray, primitive, corners }: &Candidate) -> Option<Hit> {
         let ray = ExactRay::of(&self.rays[ray]);
@@ -84,12 +84,12 @@ impl<F: FnMut(&[(u32, Hit)]) -> bool> Lister<'_, F> {
     }
 }
 
-impl<F: FnMut(&[(u32, Hit)]) -> bool> TriangleSink for Lister<'_, F> {
+impl<F: FnMut(u32, &Hit) -> bool> TriangleSink for Lister<'_, F> {
     fn take(&mut self, candidate: &Candidate) -> f32 {
         if self.more
             && let Some(hit) = self.hit(candidate)
         {
-            self.more = (self.list)(&[(candidate.ray as u32, hit)]);
+            self.more = (self.list)(candidate.ray as u32, &hit);
         }
         if self.more { f32::INFINITY } else { -1.0 }
     }
@@ -110,7 +110,7 @@ struct Listed<'a, 'b, F> {
     lister: &'a mut Lister<'b, F>,
 }
 
-impl<F: FnMut(&[(u32, Hit)]) -> bool> LaneTask for Listed<'_, '_, F> {
+impl<F: FnMut(u32, &Hit) -> bool> LaneTask for Listed<'_, '_, F> {
     type Output = ();
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -122,7 +122,6 @@ impl<F: FnMut(&[(u32, Hit)]) -> bool> LaneTask for Listed<'_, '_, F> {
             *found = pairs_of(columns, WIDTH * block).crossings();
         }
         // What was stored as vectors is read as numbers only now, when it has reached the cache.
-        let (mut hits, mut len) = ([(0, Hit::NONE); MAX_BATCH], 0);
         for index in 0..columns.len {
             let (of, pair) = (&found[index / WIDTH], index % WIDTH);
             let primitive = columns.primitives[index];
@@ -134,10 +133,11 @@ impl<F: FnMut(&[(u32, Hit)]) -> bool> LaneTask for Listed<'_, '_, F> {
                     None => continue,
                 },
             };
-            hits[len] = (columns.rays[index], hit);
-            len += 1;
+            if !(lister.list)(columns.rays[index], &hit) {
+                lister.more = false;
+                return;
+            }
         }
-        lister.more = (lister.list)(&hits[..len]);
     }
 }
 
@@ -177,15 +177,14 @@ impl Target<'_> {
         self.tracers.stream().visit_candidates(rays, &mut Sink::<_, NARROWS>(take));
     }
 
-    /// Calls `list` with the crossings of consecutive rays, some at a time and in no particular order, with `t` in the
-    /// caller's units and the indices of the rays counted from `first`. It returns false if no more are wanted; some
-    /// may follow all the same.
+    /// Calls `list` with each crossing of consecutive rays, in no particular order, with `t` in the caller's units and
+    /// the index of the ray counted from `first`. It returns false if no more are wanted; some may follow all the same.
     pub(super) fn list_crossings(
         &self,
         rays: &Rays<'_>,
         first: usize,
         len: usize,
-        mut list: impl FnMut(&[(u32, Hit)]) -> bool,
+        mut list: impl FnMut(u32, &Hit) -> bool,
     ) {
         let mut traced = RAYS.take();
         let tracer = self.tracers.stream();
@@ -197,7 +196,7 @@ impl Target<'_> {
         }
         RAYS.set(traced);
         self.visit_crossings::<false>(rays, first, len, |candidate, ray, crossing| {
-            let more = list(&[(candidate.ray as u32, ray.hit(crossing, candidate.primitive))]);
+            let more = list(candidate.ray as u32, &ray.hit(crossing, candidate.primitive));
             if more { f32::INFINITY } else { -1.0 }
         });
     }

@@ -289,19 +289,21 @@ impl Target<'_> {
         ends.clear();
         ends.resize(len + 1, 0);
         let mut refused = None;
-        let mut list = |some: &[(u32, Hit)]| {
-            if let Err(error) = found.try_reserve(some.len()) {
+        let mut list = |ray: u32, hit: &Hit| {
+            if found.len() == found.capacity()
+                && let Err(error) = found.try_reserve(1)
+            {
                 refused = Some(error);
                 return false;
             }
-            found.extend_from_slice(some);
-            some.iter().for_each(|(ray, _)| ends[*ray as usize + 1] += 1);
+            found.push((ray, *hit));
+            ends[ray as usize + 1] += 1;
             true
         };
         match rule {
             Rule::HalfOpen => self.list_crossings(rays, first, len, list),
             Rule::Closed => {
-                self.visit_hits(rays, first, len, rule, &mut |ray, hit| list(&[(ray as u32, *hit)]));
+                self.visit_hits(rays, first, len, rule, &mut |ray, hit| list(ray as u32, hit));
             }
         }
         if let Some(error) = refused {

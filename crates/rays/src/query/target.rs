@@ -228,9 +228,7 @@ impl Target<'_> {
         visit: &mut dyn FnMut(usize, &Hit) -> bool,
     ) {
         match rule {
-            Rule::HalfOpen => self.list_crossings(rays, first, len, |hits| {
-                hits.iter().fold(true, |more, (ray, hit)| more & visit(*ray as usize, hit))
-            }),
+            Rule::HalfOpen => self.list_crossings(rays, first, len, |ray, hit| visit(ray as usize, hit)),
             Rule::Closed => {
                 for i in 0..len {
                     let PreparedRay { ray, t_scale } = rays.prepare(first + i, self.center);
