@@ -6,7 +6,10 @@ use super::loaded::Loaded;
 use super::parameter::Parameter;
 use super::source::ShaderError;
 use super::surface::PatternShader;
-use crate::scene::{BoundTexture, CodedSurface, ProceduralSurface, ScatteringSurface};
+use crate::scene::{
+    AttributeRequest, BoundTexture, CodedSurface, Procedural, ProceduralSurface, Scattering,
+    ScatteringSurface,
+};
 
 /// A shader of a surface: a pattern, or a BSDF if the file defines `evaluate` or `sample`.
 #[derive(Debug)]
@@ -105,6 +108,14 @@ impl SurfaceShader {
         match self {
             Self::Pattern(pattern) => pattern.parameters(),
             Self::Bsdf(bsdf) => bsdf.parameters(),
+        }
+    }
+
+    /// The vertex attributes that it reads.
+    pub fn attributes(&self) -> &[AttributeRequest] {
+        match self {
+            Self::Pattern(pattern) => pattern.attributes(),
+            Self::Bsdf(bsdf) => bsdf.attributes(),
         }
     }
 

@@ -318,7 +318,7 @@ impl TriangleMesh {
 const CHUNK: usize = 1 << 14;
 
 /// The index of the first element that fails a test. All threads of rayon's pool search.
-fn first_outside<T: Sync>(elements: &[T], is_inside: impl Fn(&T) -> bool + Sync) -> Option<usize> {
+pub(super) fn first_outside<T: Sync>(elements: &[T], is_inside: impl Fn(&T) -> bool + Sync) -> Option<usize> {
     // Folding instead of stopping early lets the compiler use vectors.
     let is_sound = |chunk: &[T]| chunk.iter().fold(true, |sound, element| sound & is_inside(element));
     if elements.par_chunks(CHUNK).all(is_sound) {

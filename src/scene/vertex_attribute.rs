@@ -1,6 +1,7 @@
 //! Vertex attributes that have names of their own.
 
 use super::corners::{self, Weights};
+use super::mesh::first_outside;
 use super::{MeshError, Scene, TriangleMesh};
 use crate::lanes::{Int, Lanes, Num};
 
@@ -30,7 +31,7 @@ impl VertexAttribute {
         if values.len() != expected {
             return Err(MeshError::NamedAttribute { name: name.clone(), found: values.len(), expected });
         }
-        match values.iter().position(|value| !value.is_finite()) {
+        match first_outside(values, |value| value.is_finite()) {
             Some(at) => Err(MeshError::NamedNotFinite { name: name.clone(), vertex: at / *width as usize }),
             None => Ok(()),
         }

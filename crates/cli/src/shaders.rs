@@ -10,7 +10,7 @@ use raystream::picture::{Registry, RenderSpec, open_scene};
 use raystream::program::integrator::{IntegratorShader, integrator_prelude};
 use raystream::program::{Parameter, SurfaceShader};
 use raystream::scene::recipe::Recipe;
-use raystream::scene::{CodedSurface, ScatteringSurface};
+use raystream::scene::{AttributeRequest, CodedSurface, ScatteringSurface};
 use raystream::schedule::{Service, ServiceOptions};
 use std::path::{Path, PathBuf};
 
@@ -56,6 +56,10 @@ fn check(file: &Path, furnace: Option<&Path>) -> Result<Vec<String>> {
     let shader = SurfaceShader::check(&shown, &text)?;
     stdout_line!("{shown}: {}", shader.description());
     list(shader.parameters());
+    for AttributeRequest { name, width } in shader.attributes() {
+        let kind = if *width == 1 { "f32".to_owned() } else { format!("vec{width}f") };
+        stdout_line!("  {name}: {kind}, of the mesh");
+    }
     let mut broken = Vec::new();
     let surface = match shader {
         SurfaceShader::Bsdf(bsdf) => {

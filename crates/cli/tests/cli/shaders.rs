@@ -289,6 +289,19 @@ fn pictures_that_cannot_be_had_are_told_with_file_line_and_remedy() {
     assert!(text.contains("  paint: texture_2d<f32>, must be bound"), "{text}");
 }
 
+#[test]
+fn check_lists_the_vertex_attributes_that_are_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = "struct Attributes { wetness: f32, flow: vec2f }
+        var<private> attributes: Attributes;
+        fn pattern(at: Point) -> Finish {
+            return matte(vec3f(attributes.wetness, attributes.flow));
+        }";
+    std::fs::write(folder.path().join("wet.wgsl"), text).expect("a file");
+    let told = run(folder.path(), &["shaders", "check", "wet.wgsl"], 0);
+    assert!(told.contains("  wetness: f32, of the mesh\n  flow: vec2f, of the mesh\n"), "{told}");
+}
+
 /// The hashes of the frames of an animation.
 fn frame_hashes(folder: &Path, more: &[&str]) -> Vec<String> {
     let args = ["render", "scene.json", "-o", "f%d.npy", "--size", "40x30", "--spp", "2", "--tracer", "cpu"];
