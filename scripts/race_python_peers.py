@@ -32,7 +32,6 @@ from embreex.mesh_construction import TriangleMesh
 SECONDS = 0.4  # of a measurement, at least
 CHUNK = 65_536  # rays of a task of embreex's pool
 FEW = 4096  # rays that are not worth a pool
-TOUCHED = 1 << 29  # bytes of memory that are touched before a round
 
 
 class Peers:
@@ -164,22 +163,20 @@ def cpu_seconds(call, repeats):
     return (time.process_time() - begun) / repeats
 
 
-def touch_memory():
-    """Writes to memory and frees it. A hypervisor takes back what has been free for a while, and a call that gets such
-    memory pays many times for its clearing, whichever library it is of."""
-    np.empty(TOUCHED, np.uint8)[::4096] = 1
-
-
 def race(calls, rounds):
-    """The median CPU time of each call, in rounds that interleave them."""
+    """The median CPU time of each call, in rounds that interleave them.
+
+    Each is called once before it is measured. A hypervisor takes back memory that has been free for a while, and whoever
+    gets it first pays many times for its clearing.
+    """
     repeats = {}
     for name, call in calls.items():
         call()
         repeats[name] = max(1, round(SECONDS / rounds / max(cpu_seconds(call, 1), 1e-7)))
     times = {name: [] for name in calls}
     for _ in range(rounds):
-        touch_memory()
         for name, call in calls.items():
+            call()
             times[name].append(cpu_seconds(call, repeats[name]))
     return {name: statistics.median(values) for name, values in times.items()}
 

@@ -1,11 +1,11 @@
 //! Lists of all hits of many rays: found in streams, sorted ray by ray in a cache, appended to rows or columns.
 
+use super::in_order::in_order;
 use super::rays::{Rays, Rule};
 use super::target::Target;
 use super::world::WorldHit;
 use crate::memory::huge_vectors::{grow, reserve_huge};
 use crate::stream::Hit;
-use rayon::prelude::*;
 use std::cell::Cell;
 use std::collections::TryReserveError;
 use std::iter;
@@ -233,7 +233,7 @@ impl Target<'_> {
     }
 
     /// Appends the first `most` hits of every ray.
-    pub(super) fn append_hits<L: Lists>(
+    pub(super) fn append_hits<L: Lists + Send>(
         &self,
         rays: &Rays<'_>,
         rule: Rule,
@@ -241,39 +241,23 @@ impl Target<'_> {
         lists: &mut L,
     ) -> Result<(), TryReserveError> {
         let count = rays.len();
-        let list = |first: usize, listing: &mut Listing| {
+        let mut listings = LISTINGS.take();
+        let list = |part: usize, listing: &mut Listing| {
+            let first = part * LISTED_AT_ONCE;
             self.list_part(rays, first, LISTED_AT_ONCE.min(count - first), (rule, most), listing)
         };
-        let mut append = |listing: &Listing| {
+        let append = |listing: &Listing| {
             let rays = listing.ends.len().saturating_sub(1);
             lists.append_sorted(self, &listing.sorted[..listing.kept], &listing.ends[..rays])
         };
-        let starts: Vec<usize> = (0..count).step_by(LISTED_AT_ONCE).collect();
-        // So few at a time that not all hits are in memory twice.
-        let at_once = match rayon::current_num_threads() {
-            1 => 1,
-            threads => starts.len().min(2 * threads),
-        };
-        let mut listings = LISTINGS.take();
-        listings.resize_with(listings.len().max(at_once), Listing::default);
-        for starts in starts.chunks(at_once.max(1)) {
-            let listings = &mut listings[..starts.len()];
-            match (starts, &mut *listings) {
-                (&[first], [listing]) => list(first, listing)?,
-                _ => {
-                    let listed = starts.par_iter().zip(&mut *listings);
-                    listed.try_for_each(|(&first, listing)| list(first, listing))?;
-                }
-            }
-            listings.iter().try_for_each(&mut append)?;
-        }
+        let listed = in_order(0..count.div_ceil(LISTED_AT_ONCE), &mut listings, list, append);
         let mut kept = 0;
         listings.retain(|listing| {
             kept += listing.found.capacity();
             kept <= KEPT_HITS
         });
         LISTINGS.set(listings);
-        Ok(())
+        listed
     }
 
     /// Lists the first `most` hits of consecutive rays on the calling thread.

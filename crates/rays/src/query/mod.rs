@@ -51,6 +51,7 @@ mod closed;
 mod columns;
 mod crossings;
 mod hemispheres;
+mod in_order;
 mod instance_starts;
 mod lists;
 mod mesh;
