@@ -166,8 +166,8 @@ def cpu_seconds(call, repeats):
 def race(calls, rounds):
     """The median CPU time of each call, in rounds that interleave them.
 
-    Each is called once before it is measured. A hypervisor takes back memory that has been free for a while, and whoever
-    gets it first pays many times for its clearing.
+    Each is called once before it is measured. A hypervisor takes back memory that has been free for a while, and
+    whoever gets it first pays many times for its clearing.
     """
     repeats = {}
     for name, call in calls.items():

@@ -295,7 +295,9 @@ fn check_lists_the_vertex_attributes_that_are_read() {
     let text = "struct Attributes { wetness: f32, flow: vec2f }
         var<private> attributes: Attributes;
         fn pattern(at: Point) -> Finish {
-            return matte(vec3f(attributes.wetness, attributes.flow));
+            var finish = matte(at);
+            finish.colour = vec3f(attributes.wetness, attributes.flow);
+            return finish;
         }";
     std::fs::write(folder.path().join("wet.wgsl"), text).expect("a file");
     let told = run(folder.path(), &["shaders", "check", "wet.wgsl"], 0);

@@ -1,10 +1,9 @@
 //! Parts that threads make as they come, and one after the other takes in their order.
 
-use crate::sync::{Mutex, MutexGuard, PoisonError};
 use std::collections::BTreeMap;
 use std::mem;
 use std::ops::Range;
-use std::sync::Condvar;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// The most parts that are made or wait to be taken, by thread: so few that not all are in memory at once.
 const AT_ONCE: usize = 2;
