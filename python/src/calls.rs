@@ -137,10 +137,15 @@ impl<'py> RayCall<'_, 'py> {
             if block.start == 0 {
                 asked.expect_hits(&all, rule, most, &mut columns);
             }
-            let length = LISTED_RAYS * rayon::current_num_threads();
-            for first in block.clone().step_by(length) {
-                let some = all.part(first..block.end.min(first + length));
-                let appended = asked.append_hits(&some, rule, most, &mut columns);
+            let mut first = block.start;
+            while first < block.end {
+                // As long as their hits take little memory, by those so far.
+                let hits = columns.len().checked_div(first).map_or(usize::MAX, |hits| hits + 1);
+                let length = LISTED_BYTES / bytes.max(1).saturating_mul(hits);
+                let some =
+                    first..block.end.min(first + length.max(LISTED_RAYS * rayon::current_num_threads()));
+                first = some.end;
+                let appended = asked.append_hits(&all.part(some), rule, most, &mut columns);
                 appended.map_err(|error| PyMemoryError::new_err(error.to_string()))?;
                 check_memory("the list of hits", columns.len(), bytes)?;
             }
@@ -150,8 +155,11 @@ impl<'py> RayCall<'_, 'py> {
     }
 }
 
-/// Number of rays whose hits one thread lists before memory is looked at.
+/// Number of rays whose hits one thread lists before memory is looked at, at least.
 const LISTED_RAYS: usize = 1 << 14;
+
+/// Memory of so many hits is not looked at meanwhile.
+const LISTED_BYTES: usize = 64 << 20;
 
 /// The columns of lists that are wanted, empty.
 fn list_columns(want: &Want) -> HitListColumns {
