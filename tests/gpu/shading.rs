@@ -185,17 +185,40 @@ fn source(file: &str) -> String {
     std::fs::read_to_string(path).expect("a shader")
 }
 
+/// Compares a pattern on the walls of a picture.
+fn compare_pattern(name: &str, text: &str) {
+    let gpu = open();
+    let (noting, shader, rows) = Noting::new(PatternShader::load(name, text, []).expect("valid"));
+    render(|scene| {
+        assert!(scene.replace_surface("white", ProceduralSurface::new(noting)).expect("walls") > 0)
+    });
+    compare(name, &GpuProgram::of_pattern(&gpu, &shader).expect("a kernel"), &rows);
+}
+
+#[test]
+fn patterns_of_noise_have_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
+    ["wood.wgsl", "marble.wgsl"].map(|file| compare_pattern(file, &source(file)));
+}
+
 #[test]
 fn a_pattern_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
-    let gpu = open();
-    for file in ["wood.wgsl", "marble.wgsl"] {
-        let (noting, shader, rows) =
-            Noting::new(PatternShader::load(file, &source(file), []).expect("valid"));
-        render(|scene| {
-            assert!(scene.replace_surface("white", ProceduralSurface::new(noting)).expect("walls") > 0)
-        });
-        compare(file, &GpuProgram::of_pattern(&gpu, &shader).expect("a kernel"), &rows);
-    }
+    compare_pattern(
+        "tiles.wgsl",
+        "fn pattern(at: Point) -> Finish {
+            let place = at.position.xz * 5.0 + 0.05 * at.position.y;
+            let tile = floor(place);
+            let inside = abs(fract(place) - 0.5);
+            let joint = smoothstep(0.46, 0.48, max(inside.x, inside.y));
+            var finish = matte(at);
+            for (var turn = 0u; turn < 3u; turn++) {
+                finish.colour[turn] = 0.5 + 0.4 * sin(dot(tile, vec2f(1.7, f32(turn) + 0.3)));
+            }
+            if (joint > 0.5) { finish.colour = sqrt(finish.colour) / (1.0 + length(place)); }
+            finish.roughness = mix(exp2(-2.0 - inside.x), 1.0, joint);
+            finish.normal = normalize(at.normal + 0.1 * vec3f(inside.x, 0.0, inside.y));
+            return finish;
+        }",
+    );
 }
 
 #[test]
