@@ -214,7 +214,7 @@ fn a_pattern_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
                 finish.colour[turn] = 0.5 + 0.4 * sin(dot(tile, vec2f(1.7, f32(turn) + 0.3)));
             }
             if (joint > 0.5) { finish.colour = sqrt(finish.colour) / (1.0 + length(place)); }
-            finish.roughness = mix(exp2(-2.0 - inside.x), 1.0, joint);
+            finish.roughness = mix(exp2(-2.0 - inside.x), 1.0, joint) * (0.5 + 0.5 * noise(3.0 * at.position));
             finish.normal = normalize(at.normal + 0.1 * vec3f(inside.x, 0.0, inside.y));
             return finish;
         }",
