@@ -3,12 +3,13 @@
 use super::dropped_splats::DroppedSplats;
 use super::frame_layers::FrameLayers;
 use super::pixel_filter::FilterTable;
-use super::{Blocks, CameraSample, NewRays, Part, Pass, Settings, SettingsError};
+use super::{Blocks, CameraSample, NewRays, Part, Pass, Passable, Settings, SettingsError};
 use crate::film::Film;
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
-use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
+use crate::scene::{Camera, CameraError, Lens, LensRays, Material, Pinhole, Scene};
 use crate::schedule::SceneId;
+use crate::shade::bsdf::Smoothness;
 use crate::shade::{Cone, Lights, LitScene};
 use crate::stream::Ray;
 use std::ops::Range;
@@ -41,6 +42,10 @@ pub struct Frame {
     pass: Pass,
     simd: SimdLevel,
     layers: Option<Arc<FrameLayers>>,
+    /// The surfaces that rays may pass, if there are any.
+    passable: Option<Arc<Passable>>,
+    /// True if clear walls are among these surfaces.
+    passes_panes: bool,
 }
 
 impl Frame {
@@ -65,7 +70,22 @@ impl Frame {
         let filter = FilterTable::of(settings.filter).map(Arc::new);
         let part = Part::whole(&settings);
         let scene = scene.into();
-        Ok(Self { scene, lens, settings, filter, film, dropped, part, pass, simd, layers: None })
+        let passable = Passable::of(scene.scene(), false).map(Arc::new);
+        let (layers, passes_panes) = (None, false);
+        Ok(Self {
+            scene,
+            lens,
+            settings,
+            filter,
+            film,
+            dropped,
+            part,
+            pass,
+            simd,
+            layers,
+            passable,
+            passes_panes,
+        })
     }
 
     /// A part of the same frame, with its own film. Its pass takes the samples of the part alone. The film has the size
@@ -105,7 +125,12 @@ impl Frame {
 
     /// The same frame of the scene with another appearance ([`LitScene::with_scene`]), with its own film.
     pub fn with_scene(&self, scene: &Arc<Scene>) -> Self {
-        Self { scene: self.scene.with_scene(Arc::clone(scene)), ..self.with_pass(self.pass.clone()) }
+        let passable = Passable::of(scene, self.passes_panes).map(Arc::new);
+        Self {
+            scene: self.scene.with_scene(Arc::clone(scene)),
+            passable,
+            ..self.with_pass(self.pass.clone())
+        }
     }
 
     /// Another pass over the same frame, with its own film, which can be added to this frame's.
@@ -116,7 +141,8 @@ impl Frame {
     /// A pass over this frame at a moment when the scene and the camera are those of another frame. Its film can be
     /// added to this frame's.
     pub fn exposed(&self, moment: &Self, pass: Pass) -> Self {
-        Self { scene: moment.scene.clone(), lens: moment.lens, ..self.with_pass(pass) }
+        let (scene, passable) = (moment.scene.clone(), moment.passable.clone());
+        Self { scene, lens: moment.lens, passable, ..self.with_pass(pass) }
     }
 
     /// The same frame with another film.
@@ -132,6 +158,8 @@ impl Frame {
             pass: self.pass.clone(),
             simd: self.simd,
             layers: self.layers.clone(),
+            passable: self.passable.clone(),
+            passes_panes: self.passes_panes,
         }
     }
 
@@ -170,6 +198,26 @@ impl Frame {
     /// The same frame for an integrator that also samples BSDFs: see [`Lights::without_uniform_sky`].
     pub fn without_uniform_sky(self) -> Self {
         Self { scene: self.scene.without_uniform_sky(), ..self }
+    }
+
+    /// The same frame for an integrator whose rays pass thin clear walls by chance, each with the share of light that
+    /// goes straight on, so that light samples find lamps behind windows. It shades the hits that remain with
+    /// [`Frame::smoothness`].
+    pub fn passing_panes(self) -> Self {
+        let passable = Passable::of(self.scene.scene(), true).map(Arc::new);
+        Self { passable, passes_panes: true, ..self }
+    }
+
+    /// How smooth a material of the scene is for rays that may have passed it.
+    #[inline]
+    pub fn smoothness(&self, material: &Material, smoothness: Smoothness) -> Smoothness {
+        let has_passed = self.passable.as_ref().is_some_and(|passable| passable.is_pane(material));
+        Smoothness { has_passed, ..smoothness }
+    }
+
+    #[inline]
+    pub(super) fn passable(&self) -> Option<&Passable> {
+        self.passable.as_deref()
     }
 
     /// The SIMD level to shade at.

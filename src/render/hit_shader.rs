@@ -1,11 +1,12 @@
 //! Hit shaders, and the integrator that the engine makes of each.
 
+use super::see_through::RayOf;
 use super::{CameraSample, Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
-use crate::lanes::SimdLevel;
+use crate::lanes::{SimdLevel, SingleLane};
 use crate::scene::Camera;
 use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
-use crate::shade::{LitScene, LoopStack};
+use crate::shade::{Cone, LitScene, LoopStack};
 use crate::stream::Ray;
 use bytemuck::Pod;
 use std::fmt;
@@ -120,6 +121,11 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     /// opacity. By default only camera rays tell; the numbers of others follow from the rays themselves.
     fn sample_of(&self, payload: &Self::Payload) -> Option<CameraSample> {
         self.camera_sample(payload)
+    }
+
+    /// The cone of a ray, by which the textures of surfaces that it may pass are read. By default that of camera rays.
+    fn cone(&self, _payload: &Self::Payload) -> Option<Cone<SingleLane>> {
+        None
     }
 
     /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
@@ -254,9 +260,12 @@ impl<S: HitShader> Renderer for HitShading<S> {
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
         let Self { shader, frame, memory } = self;
         let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
-        let sample_of =
-            |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
-        let met = frame.pass_on(&batch, sample_of, out);
+        let ray_of = |payload: &S::Payload| RayOf {
+            sample: shader.sample_of(payload),
+            is_camera_ray: shader.camera_sample(payload).is_some(),
+            cone: shader.cone(payload),
+        };
+        let met = frame.pass_on(&batch, ray_of, out);
         let batch = match &met {
             None => batch,
             Some(met) if met.is_empty() => return,

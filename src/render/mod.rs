@@ -24,6 +24,7 @@ mod part;
 #[cfg(feature = "formats")]
 mod partial_film;
 mod pass;
+mod passable;
 mod patch;
 mod path_state;
 mod path_tracer;
@@ -62,6 +63,7 @@ pub use part::Part;
 #[cfg(feature = "formats")]
 pub use partial_film::{PARTIAL_FILM_VERSION, PartialFilm, PartialFilmError, PartialFilmHeader};
 pub use pass::{BLOCK, Blocks, Pass};
+use passable::Passable;
 pub use patch::{Patch, PatchError};
 pub use path_state::PathState;
 pub use path_tracer::{PathShader, PathTracer, ROULETTE_BOUNCES};

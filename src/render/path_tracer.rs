@@ -7,13 +7,15 @@ use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, Stat
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
 use crate::scene::{BlockFinishes, Camera, Medium};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
-use crate::shade::{Bsdf, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort};
+use crate::shade::{
+    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort,
+};
 use crate::stream::Ray;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
@@ -317,7 +319,7 @@ impl Shading<'_, '_> {
             None => &material.surface,
             Some(one) => &one.surface,
         };
-        let bsdf = Bsdf::new(scene, surface, &at, Smoothness::IN_MEDIA);
+        let bsdf = Bsdf::new(scene, surface, &at, frame.smoothness(material, Smoothness::IN_MEDIA));
         let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
@@ -506,7 +508,7 @@ impl HitShader for PathShader {
     }
 
     fn prepare(&self, frame: Frame) -> Frame {
-        frame.without_uniform_sky()
+        frame.without_uniform_sky().passing_panes()
     }
 
     fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {
@@ -539,6 +541,11 @@ impl HitShader for PathShader {
     #[inline]
     fn sample_of(&self, state: &PathState) -> Option<CameraSample> {
         Some(CameraSample { pixel: state.pixel(), sample: state.sample })
+    }
+
+    #[inline]
+    fn cone(&self, state: &PathState) -> Option<Cone<SingleLane>> {
+        Some(state.cone())
     }
 
     const ADDS_FIRST_HITS: bool = true;

@@ -1,6 +1,6 @@
-//! Rays that pass surfaces of computed opacity, in all integrators.
+//! Rays that pass surfaces of computed opacity, in all integrators, and clear walls, in those that ask for it.
 //!
-//! Before a shader sees a batch, the hits on such surfaces are shaded for their opacity alone. A ray that passes is
+//! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. A ray that passes is
 //! emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones, depths and
 //! payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle once.
 //!
@@ -8,47 +8,54 @@
 //! so a number of their line selects the random numbers.
 
 use super::first_hits::GivenRays;
-use super::{CameraSample, Frame, hits_of, rays_of};
+use super::{CameraSample, Frame, Passable, hits_of, rays_of};
 use crate::geom::{Sampler, mix, mix_lanes};
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num};
-use crate::scene::{Scene, Surface};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane};
+use crate::scene::Material;
 use crate::schedule::{Batch, Output, SeeThrough};
-use crate::shade::{Cone, Interaction, sort};
+use crate::shade::bsdf::{Pane, Smoothness};
+use crate::shade::{Bsdf, Cone, Interaction, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
 
-/// What selects a ray's random numbers: pixel, sample, and the ray's number in its path.
-type Draw = [u32; 3];
+/// What decides about a ray beside its hit: three numbers that select its random numbers, which are pixel, sample and
+/// the ray's number in its path; and its cone, packed.
+type Draw = [u32; 4];
+
+/// What a payload tells of its ray.
+pub(super) struct RayOf {
+    /// The sample.
+    pub sample: Option<CameraSample>,
+    pub is_camera_ray: bool,
+    /// The cone, where it is not that of camera rays.
+    pub cone: Option<Cone<SingleLane>>,
+}
 
 impl Frame {
-    /// True if rays may pass a surface of the scene.
-    fn is_seen_through(&self) -> bool {
-        self.scene().procedurals.iter().any(|surface| surface.effects().has_opacity)
-    }
-
     /// The scene's surfaces that shadow rays may pass, if there are any.
     pub(super) fn see_through(&self) -> Option<&dyn SeeThrough> {
-        self.is_seen_through().then_some(self)
+        self.passable().map(|_| self as &dyn SeeThrough)
     }
 
     /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
-    /// passed. `sample_of` tells the sample of a ray, and whether it is a camera ray.
+    /// passed.
     pub(super) fn pass_on<P: Pod, S>(
         &self,
         batch: &Batch<'_, P>,
-        sample_of: impl Fn(&P) -> (Option<CameraSample>, bool),
+        ray_of: impl Fn(&P) -> RayOf,
         out: &mut Output<'_, P, S>,
     ) -> Option<GivenRays<P>> {
-        if !self.is_seen_through() {
-            return None;
-        }
-        let draw = |(payload, ray): (&P, &Ray)| {
-            let (sample, is_camera_ray) = sample_of(payload);
-            let number = if is_camera_ray { 0 } else { hash(ray) };
-            sample.map_or([number; 3], |CameraSample { pixel, sample }| [pixel, sample, number])
+        let passable = self.passable()?;
+        let draw = |i: usize| {
+            let RayOf { sample, is_camera_ray, cone } = ray_of(&batch.payloads[i]);
+            let number = if is_camera_ray { 0 } else { hash(&batch.rays[i]) };
+            let cone = cone.unwrap_or_else(|| self.cone()).pack().get();
+            match sample {
+                Some(CameraSample { pixel, sample }) => [pixel, sample, number, cone],
+                None => [number, number, number, cone],
+            }
         };
-        let draws: Vec<Draw> = batch.payloads.iter().zip(batch.rays).map(draw).collect();
-        let passed = self.passed(Batch { rays: batch.rays, hits: batch.hits, payloads: &draws });
+        let passed = self.passed(passable, batch.rays, batch.hits, draw);
         for &i in &passed {
             let (ray, hit) = (batch.rays[i as usize], batch.hits[i as usize]);
             out.ray(Ray { t_min: hit.t.next_up(), ..ray }, batch.payloads[i as usize]);
@@ -57,17 +64,39 @@ impl Frame {
     }
 
     /// The rays that pass what they have hit, in ascending order.
-    fn passed(&self, batch: Batch<'_, Draw>) -> Vec<u32> {
-        let mut passed = self.simd().run(Decide { frame: self, batch });
+    fn passed(
+        &self,
+        passable: &Passable,
+        rays: &[Ray],
+        hits: &[Hit],
+        draw: impl Fn(usize) -> Draw,
+    ) -> Vec<u32> {
+        let met: Vec<usize> = (0..hits.len()).filter(|&i| passable.is_met(self.scene(), &hits[i])).collect();
+        if met.is_empty() {
+            return Vec::new();
+        }
+        let rays: Vec<Ray> = met.iter().map(|&i| rays[i]).collect();
+        let hits: Vec<Hit> = met.iter().map(|&i| hits[i]).collect();
+        let draws: Vec<Draw> = met.iter().map(|&i| draw(i)).collect();
+        let batch = Batch { rays: &rays, hits: &hits, payloads: &draws };
+        let mut passed = self.simd().run(Decide { frame: self, passable, batch });
         passed.sort_unstable();
-        passed
+        passed.iter().map(|&i| met[i as usize] as u32).collect()
     }
 }
 
 impl SeeThrough for Frame {
+    fn may_meet(&self, ray: &Ray) -> bool {
+        self.passable().is_some_and(|passable| passable.lies_ahead(ray))
+    }
+
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
-        let draws: Vec<Draw> = rays.iter().map(|ray| [hash(ray); 3]).collect();
-        self.passed(Batch { rays, hits, payloads: &draws })
+        let Some(passable) = self.passable() else { return Vec::new() };
+        let cone = self.cone().pack().get();
+        self.passed(passable, rays, hits, |i| {
+            let number = hash(&rays[i]);
+            [number, number, number, cone]
+        })
     }
 }
 
@@ -80,27 +109,34 @@ fn hash(ray: &Ray) -> u32 {
 /// The first sampler dimension of passing. The dimensions below belong to integrators.
 const FIRST_DIMENSION: u32 = 1 << 31;
 
-/// Lanes whose rays pass surfaces of this opacity. `number` distinguishes the rays of a sample.
+/// Lanes whose rays pass surfaces with this chance of staying. `number` distinguishes the rays of a sample.
 #[cfg_attr(not(unoptimised), inline(always))]
-fn passes<L: Lanes>(opacity: Num<L>, sampler: &Sampler<L>, number: Int<L>, primitive: Int<L>) -> Mask<L> {
+fn passes<L: Lanes>(stays: Num<L>, sampler: &Sampler<L>, number: Int<L>, primitive: Int<L>) -> Mask<L> {
     // A ray passes a triangle once, so triangle and ray name the decision. The samples of a pixel that see the same
     // triangle share a dimension, and their numbers are stratified.
     let dimension = mix_lanes(primitive ^ mix_lanes(number)) | FIRST_DIMENSION;
-    !sampler.one(dimension).lt(opacity)
+    !sampler.one(dimension).lt(stays)
 }
 
-/// True if a material computes opacity.
-fn computes_opacity(scene: &Scene, material: u32) -> bool {
-    match scene.materials[material as usize].surface {
-        Surface::Procedural(index) => scene.procedurals[index as usize].effects().has_opacity,
-        _ => false,
-    }
-}
-
-/// Decides which rays of a batch pass.
+/// Decides which rays of a batch pass. All have hit a passable surface, or a mix with one.
 struct Decide<'a> {
     frame: &'a Frame,
+    passable: &'a Passable,
     batch: Batch<'a, Draw>,
+}
+
+impl Decide<'_> {
+    /// The chance that rays stay on a material that is no mix, if they may pass it.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn stays<L: Lanes>(&self, material: &Material, at: &Interaction<L>) -> Option<Num<L>> {
+        let scene = self.frame.scene();
+        if self.passable.is_pane(material) {
+            let smoothness = Smoothness { has_passed: true, ..Smoothness::EXACT };
+            let Bsdf::Pane(pane) = Bsdf::new(scene, &material.surface, at, smoothness) else { return None };
+            return Some(1.0 - pane.chance());
+        }
+        at.opacity(scene, material)
+    }
 }
 
 impl LaneTask for Decide<'_> {
@@ -109,26 +145,22 @@ impl LaneTask for Decide<'_> {
 
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> Vec<u32> {
-        let Self { frame, batch } = self;
+        let Self { frame, batch, .. } = &self;
         let scene = frame.scene();
-        let cone = Cone::unpack(Int::splat(l, frame.cone().pack().to_array()[0]));
         let mut passed = Vec::new();
         for run in sort(l, batch.hits, scene).runs() {
             let Some(material) = run.material else { continue };
-            if !computes_opacity(scene, material) {
-                continue;
-            }
             let material = &scene.materials[material as usize];
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
-                let [pixel, sample, number] = ids.rows(batch.payloads.as_flattened());
-                let hits = hits_of(&batch, ids);
-                let width = cone.at(hits.t).width;
-                let at = &Interaction::new(scene, material, rays_of(&batch, ids).1, &hits, width);
-                let Some(opacity) = at.opacity(scene, material) else { continue };
+                let [pixel, sample, number, cone] = ids.rows(batch.payloads.as_flattened());
+                let hits = hits_of(batch, ids);
+                let width = Cone::unpack(cone).at(hits.t).width;
+                let at = &Interaction::new(scene, material, rays_of(batch, ids).1, &hits, width);
+                let Some(stays) = self.stays(material, at) else { break };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);
-                let passes = passes(opacity, &sampler, number, at.texture.primitive);
+                let passes = passes(stays, &sampler, number, at.texture.primitive);
                 // Rays through the centres of pixels find what is there.
                 let lanes = lanes & passes & !sample.is(CameraSample::CENTRE);
                 let mut some = L::array(0);

@@ -84,6 +84,11 @@ pub trait Renderer: Send + Sync {
 
 /// Surfaces that shadow rays may pass.
 pub trait SeeThrough {
+    /// False if a shadow ray can meet no such surface, so that what it meets stops it.
+    fn may_meet(&self, _ray: &Ray) -> bool {
+        true
+    }
+
     /// Decides which shadow rays pass what they hit first: their places, in ascending order. `hits` are their nearest
     /// hits, one for each ray; those that miss pass nothing.
     ///

@@ -9,7 +9,8 @@ use crate::stream::{Hit, Ray, Tracer};
 
 /// Clears the answer of each occluded ray that passes all that it meets.
 pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
-    let mut left: Vec<usize> = (0..rays.len()).filter(|&i| occluded[i] != 0).collect();
+    let stopped = |&i: &usize| occluded[i] != 0 && surfaces.may_meet(&rays[i]);
+    let mut left: Vec<usize> = (0..rays.len()).filter(stopped).collect();
     let mut on: Vec<Ray> = left.iter().map(|&i| rays[i]).collect();
     let mut hits = Vec::new();
     // A ray that passes begins behind its hit, so it ends where the triangles do.

@@ -19,6 +19,7 @@ mod normals;
 pub mod offset;
 pub mod single;
 mod sort;
+mod surface_bounds;
 #[cfg(test)]
 mod tests;
 mod turn;
@@ -34,3 +35,4 @@ pub use light::{LightSample, Lights, LitScene};
 pub use loop_stack::LoopStack;
 pub use mix::material_of;
 pub use sort::{Run, Sorted, sort};
+pub use surface_bounds::{SurfaceBounds, sought_materials};

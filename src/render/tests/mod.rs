@@ -11,6 +11,7 @@ mod finish_calls;
 pub mod harness;
 mod layers;
 mod media;
+mod panes;
 mod parts;
 mod path;
 mod pictures;

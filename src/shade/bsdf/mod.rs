@@ -23,6 +23,7 @@ mod mirror;
 mod of_finish;
 mod openpbr;
 mod outlined;
+mod pane;
 mod principled;
 mod scattering;
 mod sheen;
@@ -40,6 +41,8 @@ pub use matte::Matte;
 pub use mirror::Mirror;
 pub use of_finish::FinishBsdf;
 pub use openpbr::OpenPbr;
+use pane::Wall;
+pub use pane::{Pane, is_pane};
 pub use principled::Principled;
 pub use scattering::Scattering;
 
@@ -57,12 +60,14 @@ pub struct Smoothness {
     /// True for renderers that scatter light in media: for them light diffuses into bodies with a subsurface. Others
     /// see the subsurface's colour as a diffuse reflection.
     pub enters_media: bool,
+    /// True for rays that have had the chance to pass a [`Pane`], which the surface is.
+    pub has_passed: bool,
 }
 
 impl Smoothness {
     /// Only surfaces below [`MIN_ROUGHNESS`], whose roughness makes no difference, count as smooth.
     pub const EXACT: Self =
-        Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS, enters_media: false };
+        Self { mirror_below: MIN_ROUGHNESS, clear_below: MIN_ROUGHNESS, ..Self::followed(0.0) };
 
     /// [`Smoothness::EXACT`] for renderers that scatter light in media.
     pub const IN_MEDIA: Self = Self { enters_media: true, ..Self::EXACT };
@@ -70,7 +75,7 @@ impl Smoothness {
     /// For renderers that follow single directions. They would render frosted bodies black, so all bodies
     /// count as clear.
     pub const fn followed(mirror_below: f32) -> Self {
-        Self { mirror_below, clear_below: f32::INFINITY, enters_media: false }
+        Self { mirror_below, clear_below: f32::INFINITY, enters_media: false, has_passed: false }
     }
 }
 
@@ -86,6 +91,8 @@ pub enum Bsdf<'s, L: Lanes> {
     Dielectric(Dielectric<L>),
     /// glTF's metallic-roughness surface and its extensions.
     Principled(Principled<L>),
+    /// The same of a thin wall that rays may have passed.
+    Pane(Pane<L>),
     /// A BSDF computed by user code.
     Scattering(Scattering<'s, L>),
     /// OpenPBR's surface.
@@ -217,14 +224,12 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 // Copies: `at` stays in registers where no call refers to it.
                 let Interaction { texture, coat, outside, .. } = *at;
                 let (texture, coat) = (&texture, &coat);
-                Self::Principled(l.outlined(outlined::Construct {
-                    scene,
-                    surface,
-                    texture,
-                    coat,
-                    outside,
-                    smoothness,
-                }))
+                let construct = outlined::Construct { scene, surface, texture, coat, outside, smoothness };
+                let surface = l.outlined(construct);
+                match smoothness.has_passed {
+                    true => Self::Pane(Pane::new(Wall::Principled(surface), at.basis.local(at.wo))),
+                    false => Self::Principled(surface),
+                }
             }
             Surface::Procedural(index) => {
                 let surface = &scene.procedurals[*index as usize];
@@ -247,7 +252,11 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 let Interaction { texture, outside, .. } = *at;
                 let texture = &texture;
                 let construct = openpbr::Construct { scene, surface, texture, outside, smoothness };
-                Self::OpenPbr(l.outlined(construct))
+                let surface = l.outlined(construct);
+                match smoothness.has_passed {
+                    true => Self::Pane(Pane::new(Wall::OpenPbr(surface), at.basis.local(at.wo))),
+                    false => Self::OpenPbr(surface),
+                }
             }
             Surface::Mix(_) => panic!("hits on mixes are of one of their parts: see shade::material_of"),
         }
@@ -262,6 +271,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Matte(matte) => matte.evaluate(wi),
             Self::Mirror(_) | Self::Dielectric(_) => (Vector::zero(wo.lanes()), Num::zero(wo.lanes())),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Evaluate { surface, wo, wi }),
+            Self::Pane(pane) => pane.evaluate(wo, wi),
             Self::Scattering(scattering) => scattering.evaluate(wo, wi),
             Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Evaluate { surface, wo, wi }),
         }
@@ -276,6 +286,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Mirror(mirror) => mirror.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Dielectric(dielectric) => dielectric.smooth(wo).sample(u, Num::splat(wo.lanes(), 1.0)),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Sampling { surface, wo, u, u2 }),
+            Self::Pane(pane) => pane.sample(wo, u, u2),
             Self::Scattering(scattering) => scattering.sample(wo, u, u2),
             Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Sampling { surface, wo, u, u2 }),
         }
@@ -289,6 +300,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Mirror(mirror) => mirror.smooth(wo),
             Self::Dielectric(dielectric) => dielectric.smooth(wo),
             Self::Principled(surface) => wo.lanes().outlined(outlined::Mirroring { surface, wo }),
+            Self::Pane(pane) => pane.smooth(wo),
             Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Mirroring { surface, wo }),
         }
     }
@@ -304,6 +316,10 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     pub fn is_frosted(&self) -> bool {
         match self {
             Self::Principled(surface) => surface.is_frosted(),
+            Self::Pane(pane) => match pane.wall() {
+                Wall::Principled(surface) => surface.is_frosted(),
+                Wall::OpenPbr(surface) => surface.is_frosted(),
+            },
             Self::Scattering(scattering) => scattering.surface.transmits(),
             Self::OpenPbr(surface) => surface.is_frosted(),
             Self::Matte(_) | Self::Mirror(_) | Self::Dielectric(_) => false,
@@ -323,11 +339,19 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
         const POLISHED: f32 = 0.2;
         /// The least diffuse albedo with which a surface is seen itself.
         const LEAST_DIFFUSE: f32 = 0.02;
+        let of_principled = |surface: &Principled<L>| {
+            if surface.translucency.is_some() || surface.sheen.is_some() {
+                return Mask::splat(l, false);
+            }
+            !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
+        };
         match self {
             Self::Mirror(_) | Self::Dielectric(_) => Mask::splat(l, true),
-            Self::Principled(surface) if surface.translucency.is_none() && surface.sheen.is_none() => {
-                !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
-            }
+            Self::Principled(surface) => of_principled(surface),
+            Self::Pane(pane) => match pane.wall() {
+                Wall::Principled(surface) => of_principled(surface),
+                Wall::OpenPbr(surface) => surface.shows_others(POLISHED, LEAST_DIFFUSE),
+            },
             Self::OpenPbr(surface) => surface.shows_others(POLISHED, LEAST_DIFFUSE),
             _ => Mask::splat(l, false),
         }

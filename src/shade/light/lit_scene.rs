@@ -1,6 +1,6 @@
 //! A scene with its lights.
 
-use super::{EmitterBounds, Emitters, EnvironmentLight, Lights, Punctual};
+use super::{Emitters, EnvironmentLight, Lights, Punctual, emitter_bounds};
 use crate::scene::{Emission, Environment, EnvironmentMap, Scene, Texture, TextureRef};
 use std::sync::Arc;
 
@@ -56,24 +56,24 @@ impl Lights {
         if !new.shares_geometry(old) {
             return self.sampled_alike(Self::under(new, environment));
         }
-        let (emitters, emitter_bounds) = if have_equal_emission(old, new) {
+        let (emitters, bounds) = if have_equal_emission(old, new) {
             // Surfaces of user code may bound emission of their own.
             let is_built_in = old.procedurals.is_empty() && new.procedurals.is_empty();
             let bounds = if is_built_in {
                 Arc::clone(&self.emitter_bounds)
             } else {
-                Arc::new(EmitterBounds::new(new, &self.bounds))
+                Arc::new(emitter_bounds(new, &self.bounds))
             };
             (Arc::clone(&self.emitters), bounds)
         } else {
-            (Arc::new(Emitters::new(new)), Arc::new(EmitterBounds::new(new, &self.bounds)))
+            (Arc::new(Emitters::new(new)), Arc::new(emitter_bounds(new, &self.bounds)))
         };
         let punctual = if old.lights == new.lights {
             Arc::clone(&self.punctual)
         } else {
             Arc::new(Punctual::new(&new.lights, self.bounds.radius()))
         };
-        self.sampled_alike(Self::of_parts(self.bounds, emitters, punctual, environment, emitter_bounds))
+        self.sampled_alike(Self::of_parts(self.bounds, emitters, punctual, environment, bounds))
     }
 
     /// Other lights, without a uniform sky if these are.

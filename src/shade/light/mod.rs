@@ -3,7 +3,6 @@
 
 mod alias;
 mod bounds;
-mod emitter_bounds;
 mod emitters;
 mod environment;
 mod lit_scene;
@@ -15,7 +14,6 @@ mod tree;
 
 pub use alias::AliasTable;
 pub use bounds::LightBounds;
-pub use emitter_bounds::EmitterBounds;
 pub use emitters::{EmitterSample, Emitters};
 pub use environment::EnvironmentLight;
 pub use lit_scene::LitScene;
@@ -23,10 +21,11 @@ pub use punctual::Punctual;
 pub use receiver::Receiver;
 pub use tree::LightTree;
 
-use super::Interaction;
+use super::{Interaction, SurfaceBounds, sought_materials};
 use crate::geom::Aabb;
 use crate::lanes::{Int, Lanes, Mask, Num, OutlinedTask, Vector};
-use crate::scene::Scene;
+use crate::scene::{Emission, Material, Scene, Surface};
+use glam::Vec3;
 use std::sync::Arc;
 
 /// Up to this many lights, sampling by power alone is good enough. With the eight emissive triangles of a
@@ -36,6 +35,21 @@ const FEW: usize = 16;
 /// A shadow ray ends short of its light by this share of its length. Rounding may move the surface of the
 /// light by that much.
 const SHADOW_MARGIN: f32 = 1.0 / (1u32 << 13) as f32;
+
+/// True if a material emits light. Rays that will not be continued must reach it.
+fn shines(scene: &Scene, material: &Material) -> bool {
+    let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
+    let computes = match material.surface {
+        Surface::Procedural(index) => scene.procedurals[index as usize].effects().emits(),
+        _ => false,
+    };
+    computes || material.emission.as_ref().is_some_and(emits)
+}
+
+/// Bounds of all surfaces that emit light, of those too that light sampling leaves out.
+fn emitter_bounds(scene: &Scene, bounds: &Aabb) -> SurfaceBounds {
+    SurfaceBounds::new(scene, bounds, &sought_materials(scene, |material| shines(scene, material)))
+}
 
 /// All lights of a scene.
 ///
@@ -50,7 +64,7 @@ pub struct Lights {
     emitters: Arc<Emitters>,
     punctual: Arc<Punctual>,
     environment: Arc<EnvironmentLight>,
-    emitter_bounds: Arc<EmitterBounds>,
+    emitter_bounds: Arc<SurfaceBounds>,
     /// Power of the emissive triangles, the environment and the punctual lights.
     powers: [f64; 3],
     /// Probabilities of choosing these kinds.
@@ -89,7 +103,7 @@ impl Lights {
         let bounds = scene.bounds();
         let emitters = Arc::new(Emitters::new(scene));
         let punctual = Arc::new(Punctual::new(&scene.lights, bounds.radius()));
-        let emitter_bounds = Arc::new(EmitterBounds::new(scene, &bounds));
+        let emitter_bounds = Arc::new(emitter_bounds(scene, &bounds));
         Self::of_parts(bounds, emitters, punctual, environment, emitter_bounds)
     }
 
@@ -98,7 +112,7 @@ impl Lights {
         emitters: Arc<Emitters>,
         punctual: Arc<Punctual>,
         environment: Arc<EnvironmentLight>,
-        emitter_bounds: Arc<EmitterBounds>,
+        emitter_bounds: Arc<SurfaceBounds>,
     ) -> Self {
         // A disk of the scene's size, lit from all sides.
         let disk = std::f64::consts::PI * f64::from(bounds.radius()).powi(2);
@@ -153,7 +167,7 @@ impl Lights {
 
     /// Bounds of all emissive surfaces.
     #[inline]
-    pub fn emitter_bounds(&self) -> &EmitterBounds {
+    pub fn emitter_bounds(&self) -> &SurfaceBounds {
         &self.emitter_bounds
     }
 

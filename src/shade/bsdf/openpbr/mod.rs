@@ -237,6 +237,16 @@ impl<L: Lanes> OpenPbr<L> {
             || matches!(&self.subsurface, Some(subsurface) if subsurface.is_crossed())
     }
 
+    /// The surface with these shares of the light that goes straight on.
+    #[inline(always)]
+    pub fn with_unpassed(self, unpassed: Vector<L>) -> Self {
+        let through = match self.through {
+            Some(through) => Some(Through { unpassed, ..through }),
+            None => None,
+        };
+        Self { through, ..self }
+    }
+
     /// Points at which one sees other surfaces rather than this one.
     #[inline(always)]
     pub fn shows_others(&self, polished: f32, least_diffuse: f32) -> Mask<L> {

@@ -105,7 +105,8 @@ impl<L: Lanes> OpenPbr<L> {
                 far = smooth.transmitted.z.abs();
                 light = light / (through.eta * through.eta);
             }
-            smooth.transmission = (light * self.crossing_veil(wo.z, far)).only(!through.frosted);
+            let straight = light * self.crossing_veil(wo.z, far) * through.unpassed;
+            smooth.transmission = straight.only(!through.frosted);
         }
         smooth
     }

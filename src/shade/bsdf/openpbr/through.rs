@@ -34,6 +34,9 @@ pub struct Through<L: Lanes> {
     pub eta: Num<L>,
     /// Lanes whose facets spread the light that crosses.
     pub frosted: Mask<L>,
+    /// Share of the light that goes straight on through a thin wall that rays have not passed: see
+    /// [`super::super::Pane`].
+    pub unpassed: Vector<L>,
 }
 
 /// Shares of light that facets reflect and pass.
@@ -113,6 +116,7 @@ impl<L: Lanes> Through<L> {
             index,
             eta: Num::select(leaving, 1.0 / index, index),
             frosted: rough & turns,
+            unpassed: Vector::grey(Num::splat(l, 1.0)),
         }
     }
 

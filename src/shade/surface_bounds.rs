@@ -1,8 +1,8 @@
-//! Bounds of all surfaces that the last rays of paths look for.
+//! Boxes around the surfaces of a kind, of which rays that miss them need not know.
 
 use crate::geom::Aabb;
 use crate::lanes::{Lanes, Mask, Num, Vector};
-use crate::scene::{Emission, Material, Scene, Surface};
+use crate::scene::{Material, Scene, Surface};
 use glam::Vec3;
 
 /// The most boxes. Each box is tested with every ray.
@@ -15,20 +15,20 @@ const MARGIN: f32 = 1.0 / (1u32 << 14) as f32;
 /// Least component of a direction, so that reciprocals stay finite.
 const LEAST: f32 = 1e-20;
 
-/// A few boxes around all emissive surfaces. A ray that will not be continued at its hit, and that misses all boxes,
-/// need not be traced.
+/// A few boxes around all surfaces of a kind.
 #[derive(Clone, Debug, Default)]
-pub struct EmitterBounds {
+pub struct SurfaceBounds {
     boxes: Vec<Aabb>,
 }
 
-impl EmitterBounds {
-    /// Bounds these triangles of a scene that lies within `bounds`. Triangles that light sampling
-    /// leaves out are included.
-    pub fn new(scene: &Scene, bounds: &Aabb) -> Self {
-        let shines = sought(scene);
-        let shining = |primitive: &u32| shines[scene.mesh.materials[*primitive as usize] as usize];
-        let triangles = (0..scene.mesh.triangles.len() as u32).filter(shining);
+impl SurfaceBounds {
+    /// Bounds the triangles of a scene, which lies within `bounds`, of the materials that are `sought`.
+    pub fn new(scene: &Scene, bounds: &Aabb, sought: &[bool]) -> Self {
+        if !sought.contains(&true) {
+            return Self::default();
+        }
+        let is_sought = |primitive: &u32| sought[scene.mesh.materials[*primitive as usize] as usize];
+        let triangles = (0..scene.mesh.triangles.len() as u32).filter(is_sought);
         let boxes: Vec<Aabb> =
             triangles.map(|primitive| Aabb::around(scene.mesh.corners(primitive))).collect();
         let margin = Vec3::splat(bounds.max_abs() * MARGIN);
@@ -37,6 +37,11 @@ impl EmitterBounds {
             Aabb { min: min - margin, max: max + margin }
         };
         Self { boxes: divide(boxes).iter().map(|some| around(some)).collect() }
+    }
+
+    /// True if there are no such surfaces.
+    pub fn is_empty(&self) -> bool {
+        self.boxes.is_empty()
     }
 
     /// Lanes whose rays, from within the scene, may hit such a surface. The other rays hit none.
@@ -58,15 +63,9 @@ impl EmitterBounds {
     }
 }
 
-/// For each material, true if rays that will not be continued must reach it: it emits light.
-fn sought(scene: &Scene) -> Vec<bool> {
-    let emits = |emission: &Emission| emission.radiance.factor != Vec3::ZERO;
-    let acts = |surface: &Surface| match surface {
-        Surface::Procedural(index) => scene.procedurals[*index as usize].effects().emits(),
-        _ => false,
-    };
-    let own = |m: &Material| m.emission.as_ref().is_some_and(emits) || acts(&m.surface);
-    let mut sought: Vec<bool> = scene.materials.iter().map(own).collect();
+/// For each material of a scene, true if `is_sought` says so of it, or of a part of it if it is a mix.
+pub fn sought_materials(scene: &Scene, is_sought: impl Fn(&Material) -> bool) -> Vec<bool> {
+    let mut sought: Vec<bool> = scene.materials.iter().map(is_sought).collect();
     // A mix is sought if a part is. Mixes may be parts of mixes, so this is repeated until nothing changes.
     let mut changed = !scene.mixes.is_empty();
     while std::mem::take(&mut changed) {
@@ -120,7 +119,7 @@ mod tests {
     use super::*;
     use crate::geom::{CanonicalRay, Sampler};
     use crate::lanes::SingleLane;
-    use crate::scene::Colour;
+    use crate::scene::{Colour, Emission};
 
     /// One emissive triangle for each three points, beside a triangle that emits nothing.
     fn scene(points: Vec<Vec3>) -> Scene {
@@ -137,11 +136,12 @@ mod tests {
         scene
     }
 
-    fn bounds_of(scene: &Scene) -> EmitterBounds {
-        EmitterBounds::new(scene, &scene.bounds())
+    fn bounds_of(scene: &Scene) -> SurfaceBounds {
+        let sought = sought_materials(scene, |material| material.emission.is_some());
+        SurfaceBounds::new(scene, &scene.bounds(), &sought)
     }
 
-    fn ahead(emitters: &EmitterBounds, origin: Vec3, direction: Vec3) -> bool {
+    fn ahead(emitters: &SurfaceBounds, origin: Vec3, direction: Vec3) -> bool {
         emitters.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
     }
 

@@ -1,0 +1,57 @@
+//! The surfaces of a scene that rays may pass: surfaces of computed opacity, and clear walls.
+
+use crate::lanes::SingleLane;
+use crate::scene::{Material, Scene, Surface};
+use crate::shade::bsdf::is_pane;
+use crate::shade::{SurfaceBounds, sought_materials};
+use crate::stream::{Hit, Ray};
+
+/// The surfaces that rays may pass.
+#[derive(Debug)]
+pub(super) struct Passable {
+    /// True if clear walls are among them.
+    pub has_panes: bool,
+    /// For each material, true if it is such a surface or a mix with one.
+    materials: Vec<bool>,
+    bounds: SurfaceBounds,
+}
+
+impl Passable {
+    /// Those of a scene, with clear walls or without; `None` if it has none.
+    pub fn of(scene: &Scene, has_panes: bool) -> Option<Self> {
+        let is_sought =
+            |material: &Material| computes_opacity(scene, material) || (has_panes && is_pane(material));
+        let materials = sought_materials(scene, is_sought);
+        if !materials.contains(&true) {
+            return None;
+        }
+        let bounds = SurfaceBounds::new(scene, &scene.bounds(), &materials);
+        Some(Self { has_panes, materials, bounds })
+    }
+
+    /// True if a ray may pass what it has hit.
+    #[inline]
+    pub fn is_met(&self, scene: &Scene, hit: &Hit) -> bool {
+        !hit.is_miss() && self.materials[scene.mesh.materials[hit.primitive as usize] as usize]
+    }
+
+    /// True if a material that is no mix is a clear wall that rays may pass.
+    #[inline]
+    pub fn is_pane(&self, material: &Material) -> bool {
+        self.has_panes && is_pane(material)
+    }
+
+    /// False if a ray meets none of them.
+    pub fn lies_ahead(&self, ray: &Ray) -> bool {
+        let [origin, direction] = [ray.origin, ray.direction].map(glam::Vec3::from);
+        self.bounds.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
+    }
+}
+
+/// True if a material computes opacity.
+fn computes_opacity(scene: &Scene, material: &Material) -> bool {
+    match material.surface {
+        Surface::Procedural(index) => scene.procedurals[index as usize].effects().has_opacity,
+        _ => false,
+    }
+}

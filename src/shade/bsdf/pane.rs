@@ -1,0 +1,128 @@
+//! Thin clear walls that rays pass by chance.
+//!
+//! A wall lets a share of the light go straight on. A ray passes it with the least of the channels' shares as its
+//! chance, keeps its weight, and has met nothing. What it finds behind is then weighted as if the wall were not there,
+//! so light samples and scattered rays find lamps behind windows alike. Rays that stay meet the rest of the wall's
+//! light, divided by their chance of staying.
+
+use super::transparency::Transparency;
+use super::{MIN_ROUGHNESS, OpenPbr, Principled, Sample, Smooth, openpbr, outlined};
+use crate::lanes::{Lanes, Num, Vector};
+use crate::scene::{Material, Scalar, Surface};
+
+/// What rays towards one direction see of a wall that others of them have passed.
+#[derive(Clone, Copy, Debug)]
+pub struct Pane<L: Lanes> {
+    /// The wall without the light that passes.
+    wall: Wall<L>,
+    /// The chance that a ray passes.
+    chance: Num<L>,
+    /// The reciprocal of the chance that it stays.
+    weight: Num<L>,
+}
+
+/// The BSDF of a wall.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Wall<L: Lanes> {
+    Principled(Principled<L>),
+    OpenPbr(OpenPbr<L>),
+}
+
+impl<L: Lanes> Wall<L> {
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
+        match self {
+            Self::Principled(surface) => wo.lanes().outlined(outlined::Mirroring { surface, wo }),
+            Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Mirroring { surface, wo }),
+        }
+    }
+
+    /// The wall with these shares of its straight light.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn scaled(self, left: Vector<L>) -> Self {
+        match self {
+            Self::Principled(mut surface) => {
+                if let Some(through) = surface.transparency {
+                    let tint = through.tint * left;
+                    surface.transparency = Some(Transparency { tint, ..through });
+                }
+                Self::Principled(surface)
+            }
+            Self::OpenPbr(surface) => Self::OpenPbr(surface.with_unpassed(left)),
+        }
+    }
+}
+
+impl<L: Lanes> Pane<L> {
+    /// What rays see that come from `wo` and stay at a wall that [`is_pane`].
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn new(wall: Wall<L>, wo: Vector<L>) -> Self {
+        let one = Num::splat(wo.lanes(), 1.0);
+        let straight = wall.smooth(wo).transmission;
+        let chance = straight.x.min(straight.y).min(straight.z);
+        // Exactly 0 for channels that pass no more than the least.
+        let left = (straight - Vector::grey(chance)).over(straight);
+        let left = Vector::select(chance.above(0.0), left, Vector::grey(one));
+        let stays = one - chance;
+        Self { wall: wall.scaled(left), chance, weight: (one / stays).only(stays.above(0.0)) }
+    }
+
+    /// The chance that a ray passes, 0..=1.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn chance(&self) -> Num<L> {
+        self.chance
+    }
+
+    /// The wall, whose light is to be divided by the chance of staying.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn wall(&self) -> &Wall<L> {
+        &self.wall
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
+        let (value, pdf) = match &self.wall {
+            Wall::Principled(surface) => wo.lanes().outlined(outlined::Evaluate { surface, wo, wi }),
+            Wall::OpenPbr(surface) => wo.lanes().outlined(openpbr::Evaluate { surface, wo, wi }),
+        };
+        (value * self.weight, pdf)
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
+        let sample = match &self.wall {
+            Wall::Principled(surface) => wo.lanes().outlined(outlined::Sampling { surface, wo, u, u2 }),
+            Wall::OpenPbr(surface) => wo.lanes().outlined(openpbr::Sampling { surface, wo, u, u2 }),
+        };
+        Sample { weight: sample.weight * self.weight, ..sample }
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
+        let smooth = self.wall.smooth(wo);
+        let (reflection, transmission) = (smooth.reflection * self.weight, smooth.transmission * self.weight);
+        Smooth { reflection, transmission, ..smooth }
+    }
+}
+
+/// True if rays may pass a material as they pass clear walls: it is thin, transparent and smooth at least somewhere,
+/// and does not emit light. Walls with a normal map are hit: their roughness depends on the ray's width.
+pub fn is_pane(material: &Material) -> bool {
+    let is_smooth = |roughness: &Scalar| roughness.texture.is_some() || roughness.factor < MIN_ROUGHNESS;
+    let is_clear = match &material.surface {
+        Surface::Principled(surface) => {
+            let is_smooth = match &surface.glossiness {
+                Some(glossiness) => glossiness.texture.is_some() || glossiness.factor > 1.0 - MIN_ROUGHNESS,
+                None => is_smooth(&surface.roughness),
+            };
+            surface.thin && surface.transmission.factor != 0.0 && is_smooth
+        }
+        Surface::OpenPbr(surface) => {
+            surface.thin_walled
+                && surface.transmission_weight.factor != 0.0
+                && is_smooth(&surface.specular_roughness)
+        }
+        _ => false,
+    };
+    is_clear && material.emission.is_none() && material.normal_map.is_none()
+}
