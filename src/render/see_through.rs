@@ -13,7 +13,7 @@ use crate::geom::{Sampler, mix, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane};
 use crate::scene::Material;
 use crate::schedule::{Batch, Output, SeeThrough};
-use crate::shade::bsdf::{Pane, Smoothness};
+use crate::shade::bsdf::Smoothness;
 use crate::shade::{Bsdf, Cone, Interaction, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
@@ -156,8 +156,11 @@ impl LaneTask for Decide<'_> {
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
                 let [pixel, sample, number, cone] = ids.rows(batch.payloads.as_flattened());
                 let hits = hits_of(batch, ids);
-                let width = Cone::unpack(cone).at(hits.t).width;
-                let at = &Interaction::new(scene, material, rays_of(batch, ids).1, &hits, width);
+                // Shadow rays are as long as the way to their light.
+                let direction = rays_of(batch, ids).1;
+                let length = direction.length_squared().sqrt();
+                let (direction, width) = (direction / length, Cone::unpack(cone).at(hits.t * length).width);
+                let at = &Interaction::new(scene, material, direction, &hits, width);
                 let Some(stays) = self.stays(material, at) else { break };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);
                 let passes = passes(stays, &sampler, number, at.texture.primitive);

@@ -38,6 +38,8 @@ mod tests {
     struct Walls {
         last: f32,
         passed_below: f32,
+        /// How far a ray reaches to meet one of them.
+        met_from: f32,
     }
 
     impl Tracer for Walls {
@@ -57,6 +59,10 @@ mod tests {
     }
 
     impl SeeThrough for Walls {
+        fn may_meet(&self, ray: &Ray) -> bool {
+            ray.t_max >= self.met_from
+        }
+
         fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
             assert_eq!(rays.len(), hits.len());
             let passes = |i: &u32| !hits[*i as usize].is_miss() && hits[*i as usize].t < self.passed_below;
@@ -75,9 +81,10 @@ mod tests {
 
     #[test]
     fn rays_pass_until_something_stops_them() {
-        let walls = Walls { last: 9.0, passed_below: 5.0 };
+        let walls = Walls { last: 9.0, passed_below: 5.0, met_from: 0.0 };
         assert_eq!(answers(&walls, &[0.5, 1.5, 4.5, 5.5, f32::INFINITY, 3.0]), [0, 0, 0, 1, 1, 0]);
         assert_eq!(answers(&Walls { last: 4.0, ..walls }, &[f32::INFINITY, 0.5]), [0, 0]);
-        assert!(answers(&Walls { last: 4.0, passed_below: 0.0 }, &[]).is_empty());
+        assert_eq!(answers(&Walls { met_from: 2.0, ..walls }, &[1.5, 4.5]), [1, 0], "the first meets none");
+        assert!(answers(&Walls { last: 4.0, ..walls }, &[]).is_empty());
     }
 }

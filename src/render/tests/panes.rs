@@ -5,14 +5,19 @@ use super::procedural::{assert_near, mean};
 use super::scenes::*;
 use crate::lanes::SimdLevel;
 use crate::render::{PathTracer, Settings, Whitted};
-use crate::scene::{Colour, Emission, Environment, Iridescence, Material, Scalar, Scene, Sheen, Surface};
+use crate::scene::{
+    Colour, Emission, Environment, Iridescence, Material, OpenPbr, Scalar, Scene, Sheen, Surface,
+};
 use glam::Vec3;
 use std::sync::Arc;
 
 const SETTINGS: Settings = Settings::new(16, 16).with_spp(1024).with_max_bounces(4);
 
+/// So many bounces that it makes no difference whether passing is one.
+const LONG: Settings = SETTINGS.with_max_bounces(40);
+
 /// A clear wall with what `edit` makes of it.
-fn pane(edit: impl FnOnce(&mut crate::scene::Principled)) -> Material {
+pub(super) fn pane(edit: impl FnOnce(&mut crate::scene::Principled)) -> Material {
     principled(|s| {
         s.base_colour = Colour::constant(Vec3::ONE);
         s.roughness = Scalar::constant(0.0);
@@ -30,8 +35,18 @@ fn hit(pane: &Material) -> Material {
 }
 
 /// Walls whose clear share is whole, tinted, partial, below a coat, below fibres, below a film, or that are half metal.
-fn panes() -> [(&'static str, Material); 7] {
+fn panes() -> [(&'static str, Material); 9] {
+    let openpbr = |edit: fn(&mut OpenPbr)| {
+        let mut surface = OpenPbr::default();
+        surface.specular_roughness = Scalar::constant(0.0);
+        surface.transmission_weight = Scalar::constant(1.0);
+        surface.thin_walled = true;
+        edit(&mut surface);
+        of(Surface::OpenPbr(surface))
+    };
     [
+        ("OpenPBR", openpbr(|_| {})),
+        ("tinted OpenPBR", openpbr(|s| s.transmission_color = Colour::constant(Vec3::new(0.9, 0.7, 0.3)))),
         ("clear", pane(|_| {})),
         ("tinted", pane(|s| s.base_colour = Colour::constant(Vec3::new(0.9, 0.7, 0.3)))),
         ("partial", pane(|s| s.transmission = Scalar::constant(0.6))),
@@ -55,8 +70,8 @@ fn film() -> Iridescence {
     }
 }
 
-/// A box of a material in a room that is open towards a sky, before the camera.
-fn window(material: Material, sky: f32, lamp: f32) -> Scene {
+/// A corner of a room under a sky and a lamp, if they have radiance: below a sheet of a material, and half behind it.
+pub(super) fn window(material: Material, sky: f32, lamp: f32) -> Scene {
     let mut scene = Scene { environment: Environment::Constant(Vec3::splat(sky)), ..Scene::default() };
     let grey = add_material(&mut scene, Material::matte("wall", Vec3::new(0.8, 0.6, 0.4)));
     add_quad(&mut scene, Vec3::new(-3.0, -1.0, 3.0), Vec3::X * 6.0, Vec3::Z * -6.0, grey);
@@ -74,7 +89,7 @@ fn window(material: Material, sky: f32, lamp: f32) -> Scene {
 #[test]
 fn panes_show_what_walls_that_are_hit_show() {
     for (name, material) in panes() {
-        let settings = Settings { spp: 4096, ..SETTINGS };
+        let settings = Settings { spp: 4096, ..LONG };
         let found = mean(&window(material.clone(), 1.0, 0.0), settings);
         assert_near(found, mean(&window(hit(&material), 1.0, 0.0), settings), 0.01, name);
     }
@@ -83,7 +98,7 @@ fn panes_show_what_walls_that_are_hit_show() {
 #[test]
 fn lamps_behind_panes_have_their_light() {
     for (name, material) in panes() {
-        let settings = Settings { spp: 16384, ..SETTINGS };
+        let settings = Settings { spp: 16384, ..LONG };
         let found = mean(&window(material.clone(), 0.0, 4.0), settings);
         assert_near(found, mean(&window(hit(&material), 0.0, 4.0), settings), 0.04, name);
     }

@@ -1,6 +1,7 @@
 //! Hashes of pictures, pinned: a change of any byte is noticed and raises [`PICTURE_VERSION`].
 
 use super::harness::{self, render};
+use super::panes::{pane, window};
 use super::scenes::*;
 use crate::film::{Film, Image};
 use crate::lanes::SimdLevel;
@@ -14,18 +15,19 @@ use std::sync::Arc;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Each picture and its hash.
-const PICTURES: [(&str, &str); 7] = [
+const PICTURES: [(&str, &str); 8] = [
     ("path, one of everything", "dd8db8d9916126fc"),
     ("path, one of everything, no roulette", "36ce74fb34fe3104"),
     ("path, a room", "4c8e9e75067acf4a"),
     ("path, many lamps", "2c038fdc19938a84"),
     ("path, an even sky", "f11ef944ef6fa59f"),
+    ("path, windows", "f8b108424dc6f313"),
     ("whitted, one of everything", "529520566f80d68b"),
     ("ambient occlusion, a room", "2d53051286a3801f"),
 ];
 
 /// Each picture version and the hash of all of its [`PICTURES`]. Append to it; never change a line.
-const VERSIONS: [(u32, &str); 2] = [(1, "47d5446f07eee961"), (2, "944cd2b4535658d0")];
+const VERSIONS: [(u32, &str); 3] = [(1, "47d5446f07eee961"), (2, "944cd2b4535658d0"), (3, "0")];
 
 const SETTINGS: Settings = Settings::new(40, 30).with_spp(8).with_max_bounces(6).with_seed(11);
 
@@ -61,7 +63,7 @@ fn hash<I: Integrator + crate::schedule::Renderer>(
 }
 
 /// The pictures' hashes, in the order of [`PICTURES`].
-fn hashes() -> [String; 7] {
+fn hashes() -> [String; 8] {
     let path = |scene: &Scene, roulette| {
         let make = move |scene| PathTracer::new(scene, &camera(), SETTINGS, roulette);
         hash(scene, make, PathTracer::with_simd)
@@ -76,6 +78,7 @@ fn hashes() -> [String; 7] {
         path(&room(), usual),
         path(&many_lamps(), usual),
         path(&open, usual),
+        path(&window(pane(|_| {}), 0.3, 4.0), usual),
         hash(&all, |scene| Whitted::new(scene, &camera(), SETTINGS), Whitted::with_simd),
         hash(
             &room(),
