@@ -208,7 +208,7 @@ impl Frame {
         Self { passable, passes_panes: true, ..self }
     }
 
-    /// How smooth a material of the scene is for rays that may have passed it.
+    /// The same smoothness, for a material of the scene that rays may have passed.
     #[inline]
     pub fn smoothness(&self, material: &Material, smoothness: Smoothness) -> Smoothness {
         let has_passed = self.passable.as_ref().is_some_and(|passable| passable.is_pane(material));

@@ -1,10 +1,10 @@
 //! The surfaces of a scene that rays may pass: surfaces of computed opacity, and clear walls.
 
-use crate::lanes::SingleLane;
+use crate::lanes::{Lanes, Mask, Vector};
 use crate::scene::{Material, Scene, Surface};
 use crate::shade::bsdf::is_pane;
 use crate::shade::{SurfaceBounds, sought_materials};
-use crate::stream::{Hit, Ray};
+use crate::stream::Hit;
 
 /// The surfaces that rays may pass.
 #[derive(Debug)]
@@ -41,10 +41,10 @@ impl Passable {
         self.has_panes && is_pane(material)
     }
 
-    /// False if a ray meets none of them.
-    pub fn lies_ahead(&self, ray: &Ray) -> bool {
-        let [origin, direction] = [ray.origin, ray.direction].map(glam::Vec3::from);
-        self.bounds.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
+    /// Lanes whose rays, from within the scene, may meet one of them.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
+        self.bounds.lies_ahead(origin, direction)
     }
 }
 

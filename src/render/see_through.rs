@@ -1,16 +1,17 @@
 //! Rays that pass surfaces of computed opacity, in all integrators, and clear walls, in those that ask for it.
 //!
-//! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. A ray that passes is
-//! emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones, depths and
-//! payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle once.
+//! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. A ray that
+//! passes is emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones,
+//! depths and payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle
+//! once.
 //!
 //! Shadow rays that meet such a surface are traced on by the scheduler ([`SeeThrough`]). Their payloads tell no sample,
 //! so a number of their line selects the random numbers.
 
 use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, Passable, hits_of, rays_of};
-use crate::geom::{Sampler, mix, mix_lanes};
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane};
+use crate::geom::{Sampler, mix_lanes};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::Material;
 use crate::schedule::{Batch, Output, SeeThrough};
 use crate::shade::bsdf::Smoothness;
@@ -18,11 +19,17 @@ use crate::shade::{Bsdf, Cone, Interaction, sort};
 use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
 
-/// What decides about a ray beside its hit: three numbers that select its random numbers, which are pixel, sample and
-/// the ray's number in its path; and its cone, packed.
-type Draw = [u32; 4];
+/// The numbers that decide about a ray, beside its hit: the pixel and the sample, which select its random numbers; and
+/// its cone, packed, with [`IS_CAMERA_RAY`] or [`HAS_NO_SAMPLE`].
+type Draw = [u32; 3];
 
-/// What a payload tells of its ray.
+/// A ray whose number in its path is 0. Those of others follow from the rays themselves.
+const IS_CAMERA_RAY: u32 = 1 << Cone::<SingleLane>::BITS;
+
+/// A ray whose number stands for pixel and sample, too.
+const HAS_NO_SAMPLE: u32 = IS_CAMERA_RAY << 1;
+
+/// A ray as its payload tells of it.
 pub(super) struct RayOf {
     /// The sample.
     pub sample: Option<CameraSample>,
@@ -48,11 +55,13 @@ impl Frame {
         let passable = self.passable()?;
         let draw = |i: usize| {
             let RayOf { sample, is_camera_ray, cone } = ray_of(&batch.payloads[i]);
-            let number = if is_camera_ray { 0 } else { hash(&batch.rays[i]) };
-            let cone = cone.unwrap_or_else(|| self.cone()).pack().get();
+            let mut word = cone.unwrap_or_else(|| self.cone()).pack().get();
+            if is_camera_ray {
+                word |= IS_CAMERA_RAY;
+            }
             match sample {
-                Some(CameraSample { pixel, sample }) => [pixel, sample, number, cone],
-                None => [number, number, number, cone],
+                Some(CameraSample { pixel, sample }) => [pixel, sample, word],
+                None => [0, 0, word | HAS_NO_SAMPLE],
             }
         };
         let passed = self.passed(passable, batch.rays, batch.hits, draw);
@@ -86,24 +95,54 @@ impl Frame {
 }
 
 impl SeeThrough for Frame {
-    fn may_meet(&self, ray: &Ray) -> bool {
-        self.passable().is_some_and(|passable| passable.lies_ahead(ray))
+    fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
+        let Some(passable) = self.passable() else { return Vec::new() };
+        self.simd().run(LieAhead { passable, rays })
     }
 
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
         let Some(passable) = self.passable() else { return Vec::new() };
-        let cone = self.cone().pack().get();
-        self.passed(passable, rays, hits, |i| {
-            let number = hash(&rays[i]);
-            [number, number, number, cone]
-        })
+        let word = self.cone().pack().get() | HAS_NO_SAMPLE;
+        self.passed(passable, rays, hits, |_| [0, 0, word])
     }
 }
 
-/// A number of the line that a ray lies on.
-fn hash(ray: &Ray) -> u32 {
-    let words = ray.origin.iter().chain(&ray.direction).map(|number| number.to_bits());
-    words.fold(0, |hash, word| mix(hash ^ word))
+/// Finds the rays that may meet passable surfaces, in ascending order.
+struct LieAhead<'a> {
+    passable: &'a Passable,
+    rays: &'a [Ray],
+}
+
+impl LaneTask for LieAhead<'_> {
+    type Output = Vec<u32>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) -> Vec<u32> {
+        let count = self.rays.len() as u32;
+        let batch = Batch { rays: self.rays, hits: &[], payloads: &[(); 0] };
+        let mut ahead = Vec::with_capacity(self.rays.len());
+        for start in (0..count).step_by(L::LANES) {
+            let ids = Int::iota(l) + start;
+            let lanes = ids.below(count);
+            let ids = Int::select(lanes, ids, Int::splat(l, start));
+            let (origin, direction) = rays_of(&batch, ids);
+            let mut some = L::array(0);
+            let found = ids.append(lanes & self.passable.lies_ahead(origin, direction), some.as_mut());
+            ahead.extend_from_slice(&some.as_ref()[..found]);
+        }
+        ahead
+    }
+}
+
+/// A number of the line that each ray lies on.
+#[cfg_attr(not(unoptimised), inline(always))]
+fn hash<L: Lanes>(origin: Vector<L>, direction: Vector<L>) -> Int<L> {
+    let mut hash = mix_lanes(origin.x.to_bits());
+    hash = mix_lanes(hash ^ origin.y.to_bits());
+    hash = mix_lanes(hash ^ origin.z.to_bits());
+    hash = mix_lanes(hash ^ direction.x.to_bits());
+    hash = mix_lanes(hash ^ direction.y.to_bits());
+    mix_lanes(hash ^ direction.z.to_bits())
 }
 
 /// The first sampler dimension of passing. The dimensions below belong to integrators.
@@ -154,12 +193,18 @@ impl LaneTask for Decide<'_> {
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
-                let [pixel, sample, number, cone] = ids.rows(batch.payloads.as_flattened());
+                let [pixel, sample, word] = ids.rows(batch.payloads.as_flattened());
                 let hits = hits_of(batch, ids);
+                let (origin, direction) = rays_of(batch, ids);
+                let number = hash(origin, direction);
+                let is_camera_ray = !(word & IS_CAMERA_RAY).is(0);
+                let has_sample = (word & HAS_NO_SAMPLE).is(0);
+                let pixel = Int::select(has_sample, pixel, number);
+                let sample = Int::select(has_sample, sample, number);
+                let number = Int::select(is_camera_ray, Int::splat(l, 0), number);
                 // Shadow rays are as long as the way to their light.
-                let direction = rays_of(batch, ids).1;
                 let length = direction.length_squared().sqrt();
-                let (direction, width) = (direction / length, Cone::unpack(cone).at(hits.t * length).width);
+                let (direction, width) = (direction / length, Cone::unpack(word).at(hits.t * length).width);
                 let at = &Interaction::new(scene, material, direction, &hits, width);
                 let Some(stays) = self.stays(material, at) else { break };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);

@@ -84,9 +84,9 @@ pub trait Renderer: Send + Sync {
 
 /// Surfaces that shadow rays may pass.
 pub trait SeeThrough {
-    /// False if a shadow ray can meet no such surface, so that what it meets stops it.
-    fn may_meet(&self, _ray: &Ray) -> bool {
-        true
+    /// The shadow rays that may meet such a surface: their places, in ascending order. What others meet stops them.
+    fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
+        (0..rays.len() as u32).collect()
     }
 
     /// Decides which shadow rays pass what they hit first: their places, in ascending order. `hits` are their nearest

@@ -9,8 +9,10 @@ use crate::stream::{Hit, Ray, Tracer};
 
 /// Clears the answer of each occluded ray that passes all that it meets.
 pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
-    let stopped = |&i: &usize| occluded[i] != 0 && surfaces.may_meet(&rays[i]);
-    let mut left: Vec<usize> = (0..rays.len()).filter(stopped).collect();
+    let stopped: Vec<usize> = (0..rays.len()).filter(|&i| occluded[i] != 0).collect();
+    let all: Vec<Ray> = stopped.iter().map(|&i| rays[i]).collect();
+    let met = surfaces.may_meet(&all);
+    let mut left: Vec<usize> = met.iter().map(|&place| stopped[place as usize]).collect();
     let mut on: Vec<Ray> = left.iter().map(|&i| rays[i]).collect();
     let mut hits = Vec::new();
     // A ray that passes begins behind its hit, so it ends where the triangles do.
@@ -59,8 +61,8 @@ mod tests {
     }
 
     impl SeeThrough for Walls {
-        fn may_meet(&self, ray: &Ray) -> bool {
-            ray.t_max >= self.met_from
+        fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
+            (0..rays.len() as u32).filter(|&i| rays[i as usize].t_max >= self.met_from).collect()
         }
 
         fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {

@@ -1,4 +1,4 @@
-//! Boxes around the surfaces of a kind, of which rays that miss them need not know.
+//! Boxes around the surfaces of a kind: rays that miss the boxes miss them all.
 
 use crate::geom::Aabb;
 use crate::lanes::{Lanes, Mask, Num, Vector};

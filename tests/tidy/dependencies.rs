@@ -35,6 +35,7 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
         "the IJG's terms ask for a mention in documents, which is there",
     ),
     ("option-ext", "MPL-2.0", "its terms are about changes to its own files, and it is used as it is"),
+    ("webpki-root-certs", "CDLA-Permissive-2.0", "the same list for systems that are no Linux"),
     ("webpki-roots", "CDLA-Permissive-2.0", "a list of certificates, which its terms let anyone share"),
 ];
 

@@ -53,7 +53,7 @@ pub const PINS: &[(&str, Value)] = &[
     ("more than {n} triangles", Constant("crates/rays/src/bvh/", "MAX_TRIANGLES")),
     ("More than {n} emissive triangles", Constant("src/shade/light/mod.rs", "FEW")),
     ("More than {n} point and spot lights", Constant("src/shade/light/mod.rs", "FEW")),
-    ("`light::EmitterBounds` holds up to {n} boxes", Constant("src/shade/light/emitter_bounds.rs", "MOST")),
+    ("`shade::SurfaceBounds` holds up to {n} boxes", Constant("src/shade/surface_bounds.rs", "MOST")),
     ("vectors of 1, 8 or {n} lanes", Is(|| MAX_LANES as f64)),
     // The GPU.
     ("one ray in {n} is checked", Constant("src/trace/gpu/", "ONE_IN")),

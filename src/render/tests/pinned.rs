@@ -27,7 +27,8 @@ const PICTURES: [(&str, &str); 8] = [
 ];
 
 /// Each picture version and the hash of all of its [`PICTURES`]. Append to it; never change a line.
-const VERSIONS: [(u32, &str); 3] = [(1, "47d5446f07eee961"), (2, "944cd2b4535658d0"), (3, "57436ec8c7e46a72")];
+const VERSIONS: [(u32, &str); 3] =
+    [(1, "47d5446f07eee961"), (2, "944cd2b4535658d0"), (3, "57436ec8c7e46a72")];
 
 const SETTINGS: Settings = Settings::new(40, 30).with_spp(8).with_max_bounces(6).with_seed(11);
 

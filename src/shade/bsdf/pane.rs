@@ -10,7 +10,7 @@ use super::{MIN_ROUGHNESS, OpenPbr, Principled, Sample, Smooth, openpbr, outline
 use crate::lanes::{Lanes, Num, Vector};
 use crate::scene::{Material, Scalar, Surface};
 
-/// What rays towards one direction see of a wall that others of them have passed.
+/// A wall as those rays see it from one direction that have not passed it.
 #[derive(Clone, Copy, Debug)]
 pub struct Pane<L: Lanes> {
     /// The wall without the light that passes.
@@ -54,7 +54,7 @@ impl<L: Lanes> Wall<L> {
 }
 
 impl<L: Lanes> Pane<L> {
-    /// What rays see that come from `wo` and stay at a wall that [`is_pane`].
+    /// A wall that [`is_pane`] as rays from `wo` see it that stay.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn new(wall: Wall<L>, wo: Vector<L>) -> Self {
         let one = Num::splat(wo.lanes(), 1.0);
