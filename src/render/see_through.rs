@@ -2,8 +2,8 @@
 //!
 //! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. A ray that
 //! passes is emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones,
-//! depths and payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a triangle
-//! once.
+//! depths and payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a
+//! triangle once.
 //!
 //! Shadow rays that meet such a surface are traced on by the scheduler ([`SeeThrough`]). Their payloads tell no sample,
 //! so a number of their line selects the random numbers.

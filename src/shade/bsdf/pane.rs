@@ -23,6 +23,7 @@ pub struct Pane<L: Lanes> {
 
 /// The BSDF of a wall.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one is made for many rays, and nothing is allocated for it")]
 pub(super) enum Wall<L: Lanes> {
     Principled(Principled<L>),
     OpenPbr(OpenPbr<L>),
