@@ -7,12 +7,15 @@
 
 All surfaces are matte with albedo 0.8 ("clay"), lit by the scene's lamps or, if it has none, a white sky, so that all
 programs compute the same picture, which is checked. SCENE@EYE@TARGET@FOV (x,y,z, degrees) says from where; else it is
-seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls
-of glass, rough and polished metal, gloss and coat under a lamp (not for Mitsuba's scalar variants, to which
-glTF's surface must be taught). With --real surfaces are as the files have them: textures, masks, metal, gloss,
-glass and vertex normals, as near as each program's own come, so pictures agree less closely. No program denoises,
-clamps or adapts samples, or plays Russian roulette; with --roulette each plays its own (Cycles has none here). Only
-rendering is timed: every program has the scene and its tree before.
+seen from outside. `cornell` is the Cornell box of `scenes/`, with its own colours and lamp, `materials` are balls of
+glass, rough and polished metal, gloss and coat under a lamp, `bathroom` and `level` the rooms of `peer_rooms.py`
+(`materials` and `bathroom` not for Mitsuba's scalar variants, to which glTF's surface must be taught). With --real
+surfaces are as the files have them: textures, masks, metal, gloss, glass and vertex normals, as near as each program's
+own come, so pictures agree less closely. No program denoises, clamps or adapts samples, or plays Russian roulette; with
+--roulette each plays its own (Cycles has none here). Only rendering is timed: every program has the scene and its tree
+before.
+A variant of Mitsuba may name a sampler (`llvm_ad_rgb:multijitter`); `cycles:defaults` is Cycles with its light tree,
+its clamp of indirect light and its blurred gloss.
 Mitsuba's LLVM variants want Debian's libllvm19 (15 fails on processors with AVX-512).
 
 Prints medians of Mpaths/s, where a path is a camera ray, and the relative squared error of a picture times its seconds:
@@ -37,6 +40,7 @@ import numpy as np
 
 import agree_with_mitsuba
 from agree_with_mitsuba import FLOOR, LAMP, WALL, sphere, write_obj, write_ply
+from peer_rooms import bathroom, level
 
 NONE = 0xFFFFFFFF
 SKY = [1.0, 1.0, 1.0]
@@ -155,6 +159,14 @@ def materials(folder):
     return Scene(parts, eye, target, 40, 10, None, file, words)
 
 
+def room(made, folder):
+    parts, eye, target, fov = made()
+    file = write_obj(folder, {"parts": parts})
+    text = lambda vector: ",".join(map(str, vector))
+    words = [f"--eye={text(eye)}", f"--target={text(target)}", f"--fov={fov}"]
+    return Scene(parts, list(eye), list(target), fov, 30, None, file, words)
+
+
 def linear(image, factor):
     return (np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4) * factor).astype(np.float32)
 
@@ -205,6 +217,7 @@ def mitsuba(args, scene, folder, variant):
     import drjit
     import mitsuba as mi
 
+    variant, _, sampler = variant.partition(":")
     mi.set_variant(variant)
     drjit.set_thread_count(args.threads)
     rgb = lambda value: {"type": "rgb", "value": list(value)}
@@ -212,6 +225,7 @@ def mitsuba(args, scene, folder, variant):
     view = mi.ScalarTransform4f().look_at(origin=list(scene.eye), target=list(scene.target), up=[0, 1, 0])
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
     sensor = {"type": "perspective", "fov": scene.fov, "fov_axis": "y", "to_world": view, "film": film}
+    sensor["sampler"] = {"type": sampler or "independent", "sample_count": args.spp}
     sensor |= {"near_clip": scene.reach * 1e-4, "far_clip": scene.reach * 1e2}
     integrator = {"type": "path", "max_depth": args.bounces + 2, "rr_depth": 5 if args.roulette else 10_000}
     whole = {"type": "scene", "integrator": integrator, "sensor": sensor}
@@ -238,7 +252,7 @@ def mitsuba(args, scene, folder, variant):
         answer = time.perf_counter() - started, image
 
 
-def cycles_process(pipe, args, scene, folder):
+def cycles_process(pipe, args, scene, folder, defaults):
     """Cycles in a process of its own: Blender and Mitsuba bring libraries of the same names."""
     import bpy
     import mathutils
@@ -258,9 +272,10 @@ def cycles_process(pipe, args, scene, folder):
     cycles.pixel_filter_type = "BOX"
     for kind in ("max", "diffuse", "glossy", "transmission", "min_light"):
         setattr(cycles, f"{kind}_bounces", args.bounces)
-    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
-    cycles.light_sampling_threshold = cycles.blur_glossy = 0
-    cycles.use_light_tree = False
+    if not defaults:
+        cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
+        cycles.light_sampling_threshold = cycles.blur_glossy = 0
+        cycles.use_light_tree = False
 
     def image_node(nodes, links, name, pixels, colour_space):
         height, width, _ = pixels.shape
@@ -388,10 +403,10 @@ def cycles_process(pipe, args, scene, folder):
         pipe.send((seconds, pixels.reshape(args.size[1], args.size[0], 4)[..., :3]))
 
 
-def cycles(args, scene, folder):
+def cycles(args, scene, folder, defaults):
     ours, theirs = multiprocessing.Pipe()
     process = multiprocessing.get_context("spawn").Process(
-        target=cycles_process, args=(theirs, args, scene, folder), daemon=True
+        target=cycles_process, args=(theirs, args, scene, folder, defaults), daemon=True
     )
     process.start()
     theirs.close()
@@ -418,10 +433,14 @@ def compare(args, name):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         made = {"cornell": cornell, "materials": lambda: materials(folder)}
+        made |= {one.__name__: lambda one=one: room(one, folder) for one in (bathroom, level)}
         scene = made[name]() if name in made else of_file(args, name, folder)
         programs = {"raystream": raystream(args, scene, folder)}
         for peer in filter(None, args.peers.split(",")):
-            programs[peer] = cycles(args, scene, folder) if peer == "cycles" else mitsuba(args, scene, folder, peer)
+            if peer.startswith("cycles"):
+                programs[peer] = cycles(args, scene, folder, peer == "cycles:defaults")
+            else:
+                programs[peer] = mitsuba(args, scene, folder, peer)
         for program in programs.values():
             next(program)
         answers = {peer: [] for peer in programs}
@@ -444,7 +463,7 @@ def compare(args, name):
     for peer, values in speeds.items():
         median = statistics.median(values)
         spread = f"{min(values):.2f}-{max(values):.2f}"
-        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<14}{median:>9.2f}"
+        row = f"{pathlib.Path(name.split('@')[0]).stem:<20}{peer:<24}{median:>9.2f}"
         row += f"{spread:>14}{means[peer]:>12.4f}{best / median:>8.2f}x"
         row += f"{costs[peer]:>12.5f}{costs[peer] / costs['raystream']:>8.2f}x"
         print(row, flush=True)
@@ -454,7 +473,7 @@ def compare(args, name):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", help="scene files, `cornell` or `materials`")
+    parser.add_argument("scenes", nargs="+", help="scene files, `cornell`, `materials`, `bathroom` or `level`")
     parser.add_argument("--raystream", default="target/release/raystream")
     parser.add_argument("--peers", default="llvm_ad_rgb,scalar_rgb,cycles", help="variants of Mitsuba, and cycles")
     parser.add_argument("--real", action="store_true", help="surfaces as the files have them, not clay")
@@ -467,7 +486,7 @@ def main():
     parser.add_argument("--roulette", action="store_true", help="each program plays its own Russian roulette")
     args = parser.parse_args()
     args.raystream = str(pathlib.Path(args.raystream).resolve())
-    head = f"{'scene':<20}{'program':<14}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}"
+    head = f"{'scene':<20}{'program':<24}{'Mpaths/s':>9}{'spread':>14}{'radiance':>12}{'ours':>9}"
     print(f"{head}{'error x s':>12}{'ours':>9}")
     agree = [compare(args, scene) for scene in args.scenes]
     if not all(agree):

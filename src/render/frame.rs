@@ -208,11 +208,11 @@ impl Frame {
         Self { passable, passes_panes: true, ..self }
     }
 
-    /// The same smoothness, for a material of the scene that rays may have passed.
+    /// `smoothness` for hits on a material of the scene: whether it is a wall that these rays could have passed.
     #[inline]
     pub fn smoothness(&self, material: &Material, smoothness: Smoothness) -> Smoothness {
-        let has_passed = self.passable.as_ref().is_some_and(|passable| passable.is_pane(material));
-        Smoothness { has_passed, ..smoothness }
+        let stayed = self.passable.as_ref().is_some_and(|passable| passable.is_pane(material));
+        Smoothness { stayed, ..smoothness }
     }
 
     #[inline]

@@ -1,12 +1,11 @@
 //! Hit shaders, and the integrator that the engine makes of each.
 
-use super::see_through::RayOf;
 use super::{CameraSample, Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
-use crate::lanes::{SimdLevel, SingleLane};
+use crate::lanes::SimdLevel;
 use crate::scene::Camera;
 use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
-use crate::shade::{Cone, LitScene, LoopStack};
+use crate::shade::{LitScene, LoopStack};
 use crate::stream::Ray;
 use bytemuck::Pod;
 use std::fmt;
@@ -118,14 +117,9 @@ pub trait HitShader: Send + Sync + Sized + 'static {
     }
 
     /// The pixel and the sample of any ray. They select the random numbers by which rays pass surfaces of computed
-    /// opacity. By default only camera rays tell; the numbers of others follow from the rays themselves.
+    /// opacity, and clear walls. By default only camera rays tell; the numbers of others follow from the rays.
     fn sample_of(&self, payload: &Self::Payload) -> Option<CameraSample> {
         self.camera_sample(payload)
-    }
-
-    /// The cone of a ray, by which the textures of surfaces that it may pass are read. By default that of camera rays.
-    fn cone(&self, _payload: &Self::Payload) -> Option<Cone<SingleLane>> {
-        None
     }
 
     /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
@@ -260,12 +254,9 @@ impl<S: HitShader> Renderer for HitShading<S> {
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
         let Self { shader, frame, memory } = self;
         let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
-        let ray_of = |payload: &S::Payload| RayOf {
-            sample: shader.sample_of(payload),
-            is_camera_ray: shader.camera_sample(payload).is_some(),
-            cone: shader.cone(payload),
-        };
-        let met = frame.pass_on(&batch, ray_of, out);
+        let sample_of =
+            |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
+        let met = frame.pass_on(&batch, sample_of, out);
         let batch = match &met {
             None => batch,
             Some(met) if met.is_empty() => return,

@@ -1,6 +1,6 @@
 //! The surfaces of a scene that rays may pass: surfaces of computed opacity, and clear walls.
 
-use crate::lanes::{Lanes, Mask, Vector};
+use crate::lanes::{Lanes, Mask, Num, Vector};
 use crate::scene::{Material, Scene, Surface};
 use crate::shade::bsdf::is_pane;
 use crate::shade::{SurfaceBounds, sought_materials};
@@ -14,7 +14,12 @@ pub(super) struct Passable {
     /// For each material, true if it is such a surface or a mix with one.
     materials: Vec<bool>,
     bounds: SurfaceBounds,
+    /// The greatest coordinate of origins from where the bounds are certain.
+    reach: f32,
 }
+
+/// The bounds are certain for origins within this many times the scene's greatest coordinate.
+const REACH: f32 = 8.0;
 
 impl Passable {
     /// Those of a scene, with clear walls or without; `None` if it has none.
@@ -25,8 +30,9 @@ impl Passable {
         if !materials.contains(&true) {
             return None;
         }
-        let bounds = SurfaceBounds::new(scene, &scene.bounds(), &materials);
-        Some(Self { has_panes, materials, bounds })
+        let all = scene.bounds();
+        let bounds = SurfaceBounds::new(scene, &all, &materials);
+        Some(Self { has_panes, materials, bounds, reach: all.max_abs() * REACH })
     }
 
     /// True if a ray may pass what it has hit.
@@ -41,10 +47,12 @@ impl Passable {
         self.has_panes && is_pane(material)
     }
 
-    /// Lanes whose rays, from within the scene, may meet one of them.
+    /// Lanes whose rays may meet one of them before they end at `end` times the direction.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
-        self.bounds.lies_ahead(origin, direction)
+    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>, end: Num<L>) -> Mask<L> {
+        let Vector { x, y, z } = origin;
+        let is_far = x.abs().max(y.abs()).max(z.abs()).above(self.reach);
+        is_far | self.bounds.lies_ahead(origin, direction, end)
     }
 }
 

@@ -7,15 +7,13 @@ use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, Stat
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
 use crate::scene::{BlockFinishes, Camera, Medium};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
-use crate::shade::{
-    Bsdf, Cone, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort,
-};
+use crate::shade::{Bsdf, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
@@ -468,7 +466,8 @@ impl Shading<'_, '_> {
 
     /// Ends paths after the last bounce, where only emission counts. A ray that misses the bounds of all emitters is
     /// not traced; under an environment it becomes a shadow ray that adds the environment if it is not occluded. The
-    /// picture is the same. Returns the lanes that became shadow rays.
+    /// picture is the same, but for the noise of surfaces that rays may pass. Returns the lanes that became shadow
+    /// rays.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn end<L: Lanes>(
         &mut self,
@@ -478,7 +477,8 @@ impl Shading<'_, '_> {
         lanes: Mask<L>,
     ) -> Mask<L> {
         let lights = self.frame.lights();
-        let ended = lanes & !lights.emitter_bounds().lies_ahead(origin, direction);
+        let far = Num::splat(lanes.lanes(), f32::INFINITY);
+        let ended = lanes & !lights.emitter_bounds().lies_ahead(origin, direction, far);
         if ended.none() || lights.environment().is_black() {
             return ended;
         }
@@ -541,11 +541,6 @@ impl HitShader for PathShader {
     #[inline]
     fn sample_of(&self, state: &PathState) -> Option<CameraSample> {
         Some(CameraSample { pixel: state.pixel(), sample: state.sample })
-    }
-
-    #[inline]
-    fn cone(&self, state: &PathState) -> Option<Cone<SingleLane>> {
-        Some(state.cone())
     }
 
     const ADDS_FIRST_HITS: bool = true;

@@ -11,7 +11,7 @@
 use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, Passable, hits_of, rays_of};
 use crate::geom::{Sampler, mix_lanes};
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::scene::Material;
 use crate::schedule::{Batch, Output, SeeThrough};
 use crate::shade::bsdf::Smoothness;
@@ -20,23 +20,14 @@ use crate::stream::{Hit, Ray};
 use bytemuck::Pod;
 
 /// The numbers that decide about a ray, beside its hit: the pixel and the sample, which select its random numbers; and
-/// its cone, packed, with [`IS_CAMERA_RAY`] or [`HAS_NO_SAMPLE`].
+/// [`IS_CAMERA_RAY`] or [`HAS_NO_SAMPLE`].
 type Draw = [u32; 3];
 
 /// A ray whose number in its path is 0. Those of others follow from the rays themselves.
-const IS_CAMERA_RAY: u32 = 1 << Cone::<SingleLane>::BITS;
+const IS_CAMERA_RAY: u32 = 1;
 
 /// A ray whose number stands for pixel and sample, too.
-const HAS_NO_SAMPLE: u32 = IS_CAMERA_RAY << 1;
-
-/// A ray as its payload tells of it.
-pub(super) struct RayOf {
-    /// The sample.
-    pub sample: Option<CameraSample>,
-    pub is_camera_ray: bool,
-    /// The cone, where it is not that of camera rays.
-    pub cone: Option<Cone<SingleLane>>,
-}
+const HAS_NO_SAMPLE: u32 = 2;
 
 impl Frame {
     /// The scene's surfaces that shadow rays may pass, if there are any.
@@ -45,20 +36,17 @@ impl Frame {
     }
 
     /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
-    /// passed.
+    /// passed. `sample_of` tells the sample of a ray, and whether it is a camera ray.
     pub(super) fn pass_on<P: Pod, S>(
         &self,
         batch: &Batch<'_, P>,
-        ray_of: impl Fn(&P) -> RayOf,
+        sample_of: impl Fn(&P) -> (Option<CameraSample>, bool),
         out: &mut Output<'_, P, S>,
     ) -> Option<GivenRays<P>> {
         let passable = self.passable()?;
         let draw = |i: usize| {
-            let RayOf { sample, is_camera_ray, cone } = ray_of(&batch.payloads[i]);
-            let mut word = cone.unwrap_or_else(|| self.cone()).pack().get();
-            if is_camera_ray {
-                word |= IS_CAMERA_RAY;
-            }
+            let (sample, is_camera_ray) = sample_of(&batch.payloads[i]);
+            let word = if is_camera_ray { IS_CAMERA_RAY } else { 0 };
             match sample {
                 Some(CameraSample { pixel, sample }) => [pixel, sample, word],
                 None => [0, 0, word | HAS_NO_SAMPLE],
@@ -102,8 +90,7 @@ impl SeeThrough for Frame {
 
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
         let Some(passable) = self.passable() else { return Vec::new() };
-        let word = self.cone().pack().get() | HAS_NO_SAMPLE;
-        self.passed(passable, rays, hits, |_| [0, 0, word])
+        self.passed(passable, rays, hits, |_| [0, 0, HAS_NO_SAMPLE])
     }
 }
 
@@ -119,15 +106,16 @@ impl LaneTask for LieAhead<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> Vec<u32> {
         let count = self.rays.len() as u32;
-        let batch = Batch { rays: self.rays, hits: &[], payloads: &[(); 0] };
         let mut ahead = Vec::with_capacity(self.rays.len());
         for start in (0..count).step_by(L::LANES) {
             let ids = Int::iota(l) + start;
             let lanes = ids.below(count);
             let ids = Int::select(lanes, ids, Int::splat(l, start));
-            let (origin, direction) = rays_of(&batch, ids);
+            let [ox, oy, oz, _, x, y, z, end] = ids.rows_of(bytemuck::cast_slice(self.rays));
+            let (origin, direction) = (Vector::new(ox, oy, oz), Vector::new(x, y, z));
+            let ahead_of = self.passable.lies_ahead(origin, direction, end);
             let mut some = L::array(0);
-            let found = ids.append(lanes & self.passable.lies_ahead(origin, direction), some.as_mut());
+            let found = ids.append(lanes & ahead_of, some.as_mut());
             ahead.extend_from_slice(&some.as_ref()[..found]);
         }
         ahead
@@ -170,7 +158,7 @@ impl Decide<'_> {
     fn stays<L: Lanes>(&self, material: &Material, at: &Interaction<L>) -> Option<Num<L>> {
         let scene = self.frame.scene();
         if self.passable.is_pane(material) {
-            let smoothness = Smoothness { has_passed: true, ..Smoothness::EXACT };
+            let smoothness = Smoothness { stayed: true, ..Smoothness::EXACT };
             let Bsdf::Pane(pane) = Bsdf::new(scene, &material.surface, at, smoothness) else { return None };
             return Some(1.0 - pane.chance());
         }
@@ -186,6 +174,8 @@ impl LaneTask for Decide<'_> {
     fn run<L: Lanes>(self, l: L) -> Vec<u32> {
         let Self { frame, batch, .. } = &self;
         let scene = frame.scene();
+        // All rays decide by camera rays' cones: rays and light samples that share a light pass with the same chance.
+        let cone = Cone::unpack(Int::splat(l, frame.cone().pack().get()));
         let mut passed = Vec::new();
         for run in sort(l, batch.hits, scene).runs() {
             let Some(material) = run.material else { continue };
@@ -204,7 +194,7 @@ impl LaneTask for Decide<'_> {
                 let number = Int::select(is_camera_ray, Int::splat(l, 0), number);
                 // Shadow rays are as long as the way to their light.
                 let length = direction.length_squared().sqrt();
-                let (direction, width) = (direction / length, Cone::unpack(word).at(hits.t * length).width);
+                let (direction, width) = (direction / length, cone.at(hits.t * length).width);
                 let at = &Interaction::new(scene, material, direction, &hits, width);
                 let Some(stays) = self.stays(material, at) else { break };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);

@@ -92,7 +92,7 @@ pub struct OpenPbrFuzz {
 
 impl OpenPbr {
     /// The textures that its parameters read, with the parameters' names.
-    pub(super) fn textures(&self) -> impl Iterator<Item = (&'static str, TextureRef)> {
+    pub(crate) fn textures(&self) -> impl Iterator<Item = (&'static str, TextureRef)> {
         let of = |scalar: &Scalar| scalar.texture.map(|(texture, _)| texture);
         let (coat, fuzz, film) = (self.coat.as_ref(), self.fuzz.as_ref(), self.thin_film.as_ref());
         let subsurface = self.subsurface.as_ref();

@@ -39,14 +39,10 @@ impl SurfaceBounds {
         Self { boxes: divide(boxes).iter().map(|some| around(some)).collect() }
     }
 
-    /// True if there are no such surfaces.
-    pub fn is_empty(&self) -> bool {
-        self.boxes.is_empty()
-    }
-
-    /// Lanes whose rays, from within the scene, may hit such a surface. The other rays hit none.
+    /// Lanes whose rays, from within the scene, may hit such a surface before they end at `end` times the direction.
+    /// The other rays hit none.
     #[cfg_attr(not(unoptimised), inline(always))]
-    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>) -> Mask<L> {
+    pub fn lies_ahead<L: Lanes>(&self, origin: Vector<L>, direction: Vector<L>, end: Num<L>) -> Mask<L> {
         let (o, d) = (origin, direction);
         let (x, y, z) = (inverse(d.x), inverse(d.y), inverse(d.z));
         let l = origin.lanes();
@@ -57,7 +53,7 @@ impl SurfaceBounds {
             let (z0, z1) = ((min.z - o.z) * z, (max.z - o.z) * z);
             let enter = x0.min(x1).max(y0.min(y1)).max(z0.min(z1));
             let leave = x0.max(x1).min(y0.max(y1)).min(z0.max(z1));
-            ahead |= enter.le(leave) & leave.ge(zero);
+            ahead |= enter.le(leave) & leave.ge(zero) & enter.le(end);
         }
         ahead
     }
@@ -142,7 +138,7 @@ mod tests {
     }
 
     fn ahead(emitters: &SurfaceBounds, origin: Vec3, direction: Vec3) -> bool {
-        emitters.lies_ahead::<SingleLane>(origin.into(), direction.into()).get()
+        emitters.lies_ahead::<SingleLane>(origin.into(), direction.into(), f32::INFINITY.into()).get()
     }
 
     #[test]
@@ -189,6 +185,9 @@ mod tests {
         assert!(ahead(&two, Vec3::ZERO, Vec3::X) && !ahead(&two, Vec3::new(20.0, 9.0, 0.0), -Vec3::Y));
         assert!(ahead(&two, Vec3::new(50.0, 9.0, 0.5), -Vec3::Y) && !ahead(&two, Vec3::ZERO, -Vec3::X));
         assert!(!ahead(&two, Vec3::new(90.0, 9.0, 0.5), -Vec3::Y), "a wall");
+        let within =
+            |end: f32| two.lies_ahead::<SingleLane>(Vec3::ZERO.into(), Vec3::X.into(), end.into()).get();
+        assert!(within(1.5) && !within(0.5), "rays that end before it");
         assert!(bounds_of(&scene(lamp(0.0).to_vec())).boxes.is_empty());
         assert!(bounds_of(&Scene::default()).boxes.is_empty());
     }

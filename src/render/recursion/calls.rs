@@ -5,7 +5,6 @@ use super::exchange::{Exchange, PathId, RADIANCE, Request, ShadowState};
 use super::{Answers, Cx, Radiance, Shader};
 use crate::lanes::{Prefetch, SingleLane};
 use crate::render::first_hits::GivenRays;
-use crate::render::see_through::RayOf;
 use crate::render::{CameraSample, Frame};
 use crate::schedule::{Batch, Output};
 use crate::shade::arena::{Arena, ArenaUse, BUCKET, LocalFreeList, NO_SLOT};
@@ -264,12 +263,11 @@ where
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
         let frame = &self.shader_frame.frame;
-        let ray_of = |state: &CallState| {
+        let sample_of = |state: &CallState| {
             let CallState { pixel, sample, .. } = *state;
-            let is_camera_ray = state.camera_sample().is_some();
-            RayOf { sample: Some(CameraSample { pixel, sample }), is_camera_ray, cone: None }
+            (Some(CameraSample { pixel, sample }), state.camera_sample().is_some())
         };
-        let met = frame.pass_on(&batch, ray_of, out);
+        let met = frame.pass_on(&batch, sample_of, out);
         let batch = met.as_ref().map_or(batch, GivenRays::batch);
         let given = frame.add_first_hits(&batch, true, CallState::camera_sample);
         let batch = given.as_ref().map_or(batch, GivenRays::batch);

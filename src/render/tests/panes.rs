@@ -4,9 +4,10 @@ use super::harness::{self, render};
 use super::procedural::{assert_near, mean};
 use super::scenes::*;
 use crate::lanes::SimdLevel;
-use crate::render::{PathTracer, Settings, Whitted};
+use crate::render::{Passable, PathTracer, Settings, Whitted};
 use crate::scene::{
-    Colour, Emission, Environment, Iridescence, Material, OpenPbr, Scalar, Scene, Sheen, Surface,
+    Channel, Colour, Emission, Environment, Iridescence, Light, LightShape, Material, NormalMap, OpenPbr,
+    Scalar, Scene, Sheen, Surface, TextureRef,
 };
 use glam::Vec3;
 use std::sync::Arc;
@@ -57,6 +58,10 @@ fn panes() -> [(&'static str, Material); 9] {
     ]
 }
 
+fn texture() -> (TextureRef, Channel) {
+    (TextureRef::plain(0), Channel::G)
+}
+
 fn dust() -> Sheen {
     Sheen { colour: Colour::constant(Vec3::splat(0.6)), roughness: Scalar::constant(0.4) }
 }
@@ -93,6 +98,50 @@ fn panes_show_what_walls_that_are_hit_show() {
         let found = mean(&window(material.clone(), 1.0, 0.0), settings);
         assert_near(found, mean(&window(hit(&material), 1.0, 0.0), settings), 0.01, name);
     }
+}
+
+/// [`window`] of a mix of a wall and of matte paint.
+fn mixed(wall: Material) -> Scene {
+    let mut scene = window(wall, 0.5, 4.0);
+    let wall = scene.materials.len() as u32 - 1;
+    let paint = add_material(&mut scene, Material::matte("paint", Vec3::splat(0.5)));
+    let mix = add_mix(&mut scene, [wall, paint], Scalar::constant(0.4));
+    for material in &mut scene.mesh.materials {
+        if *material == wall {
+            *material = mix;
+        }
+    }
+    scene
+}
+
+#[test]
+fn mixes_have_panes_as_parts() {
+    let pane = pane(|_| {});
+    let settings = Settings { spp: 16384, ..LONG };
+    let found = mean(&mixed(pane.clone()), settings);
+    assert_near(found, mean(&mixed(hit(&pane)), settings), 0.02, "a mix");
+    assert!(
+        Passable::of(&mixed(pane.clone()), true).is_some() && Passable::of(&mixed(pane), false).is_none()
+    );
+}
+
+#[test]
+fn point_lights_shine_through_panes() {
+    let pane = pane(|_| {});
+    let bright = |material: Option<&Material>| {
+        let glass = material.cloned().unwrap_or_else(Material::fallback);
+        let mut scene = window(glass, 0.0, 0.0);
+        if material.is_none() {
+            scene.mesh.triangles.truncate(4);
+            scene.mesh.materials.truncate(4);
+        }
+        let shape = LightShape::Point { position: Vec3::new(0.2, 2.6, 0.1) };
+        scene.lights.push(Light { name: "lamp".into(), intensity: Vec3::splat(9.0), shape });
+        mean(&scene, Settings { spp: 256, ..SETTINGS })
+    };
+    let (bare, passed, stopped) = (bright(None), bright(Some(&pane)), bright(Some(&hit(&pane))));
+    assert!(passed.x > 0.8 * bare.x && passed.x < bare.x, "{passed} of {bare}");
+    assert!(stopped.x < 0.4 * bare.x, "{stopped} of {bare} comes by the open side");
 }
 
 #[test]
@@ -187,6 +236,11 @@ fn rough_thick_and_bright_walls_are_no_panes() {
         pane(|s| s.roughness = Scalar::constant(0.3)),
         pane(|s| s.transmission = Scalar::constant(0.0)),
         pane(|s| s.glossiness = Some(Scalar::constant(0.5))),
+        pane(|s| s.base_colour.vertex = true),
+        pane(|s| s.roughness.texture = Some(texture())),
+        pane(|s| s.sheen = Some(Sheen { colour: Colour { vertex: true, ..dust().colour }, ..dust() })),
+        pane(|s| s.coat_normal_map = Some(NormalMap { texture: texture().0, scale: 1.0 })),
+        Material { normal_map: Some(NormalMap { texture: texture().0, scale: 1.0 }), ..pane(|_| {}) },
         hit(&pane(|_| {})),
         of(Surface::Dielectric { ior: 1.5, transmittance: Vec3::ONE }),
     ];

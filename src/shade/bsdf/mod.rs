@@ -60,8 +60,8 @@ pub struct Smoothness {
     /// True for renderers that scatter light in media: for them light diffuses into bodies with a subsurface. Others
     /// see the subsurface's colour as a diffuse reflection.
     pub enters_media: bool,
-    /// True for rays that have had the chance to pass a [`Pane`], which the surface is.
-    pub has_passed: bool,
+    /// True if the surface is a [`Pane`], which rays could have passed, and the rays at hand have stayed.
+    pub stayed: bool,
 }
 
 impl Smoothness {
@@ -75,7 +75,7 @@ impl Smoothness {
     /// For renderers that follow single directions. They would render frosted bodies black, so all bodies
     /// count as clear.
     pub const fn followed(mirror_below: f32) -> Self {
-        Self { mirror_below, clear_below: f32::INFINITY, enters_media: false, has_passed: false }
+        Self { mirror_below, clear_below: f32::INFINITY, enters_media: false, stayed: false }
     }
 }
 
@@ -226,7 +226,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 let (texture, coat) = (&texture, &coat);
                 let construct = outlined::Construct { scene, surface, texture, coat, outside, smoothness };
                 let surface = l.outlined(construct);
-                match smoothness.has_passed {
+                match smoothness.stayed {
                     true => Self::Pane(Pane::new(Wall::Principled(surface), at.basis.local(at.wo))),
                     false => Self::Principled(surface),
                 }
@@ -253,7 +253,7 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
                 let texture = &texture;
                 let construct = openpbr::Construct { scene, surface, texture, outside, smoothness };
                 let surface = l.outlined(construct);
-                match smoothness.has_passed {
+                match smoothness.stayed {
                     true => Self::Pane(Pane::new(Wall::OpenPbr(surface), at.basis.local(at.wo))),
                     false => Self::OpenPbr(surface),
                 }

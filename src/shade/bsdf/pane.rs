@@ -8,7 +8,7 @@
 use super::transparency::Transparency;
 use super::{MIN_ROUGHNESS, OpenPbr, Principled, Sample, Smooth, openpbr, outlined};
 use crate::lanes::{Lanes, Num, Vector};
-use crate::scene::{Material, Scalar, Surface};
+use crate::scene::{self, Material, Scalar, Surface};
 
 /// A wall as those rays see it from one direction that have not passed it.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +60,7 @@ impl<L: Lanes> Pane<L> {
     pub(super) fn new(wall: Wall<L>, wo: Vector<L>) -> Self {
         let one = Num::splat(wo.lanes(), 1.0);
         let straight = wall.smooth(wo).transmission;
-        let chance = straight.x.min(straight.y).min(straight.z);
+        let chance = straight.x.min(straight.y).min(straight.z).clamp(0.0, 1.0);
         // Exactly 0 for channels that pass no more than the least.
         let left = (straight - Vector::grey(chance)).over(straight);
         let left = Vector::select(chance.above(0.0), left, Vector::grey(one));
@@ -106,24 +106,45 @@ impl<L: Lanes> Pane<L> {
     }
 }
 
-/// True if rays may pass a material as they pass clear walls: it is thin, transparent and smooth at least somewhere,
-/// and does not emit light. Walls with a normal map are hit: their roughness depends on the ray's width.
+/// True if rays may pass a material as they pass clear walls: it is thin, transparent and smooth, the same everywhere,
+/// and neither emits light nor bounds a medium.
+///
+/// A wall with textures or a normal map is hit. What is read of a texture depends on the ray's width, so rays and light
+/// samples would pass with different chances, and their sum would not be the light that there is.
 pub fn is_pane(material: &Material) -> bool {
-    let is_smooth = |roughness: &Scalar| roughness.texture.is_some() || roughness.factor < MIN_ROUGHNESS;
     let is_clear = match &material.surface {
-        Surface::Principled(surface) => {
-            let is_smooth = match &surface.glossiness {
-                Some(glossiness) => glossiness.texture.is_some() || glossiness.factor > 1.0 - MIN_ROUGHNESS,
-                None => is_smooth(&surface.roughness),
-            };
-            surface.thin && surface.transmission.factor != 0.0 && is_smooth
-        }
+        Surface::Principled(surface) => is_clear(surface),
         Surface::OpenPbr(surface) => {
             surface.thin_walled
                 && surface.transmission_weight.factor != 0.0
-                && is_smooth(&surface.specular_roughness)
+                && surface.specular_roughness.factor < MIN_ROUGHNESS
+                && surface.textures().next().is_none()
         }
         _ => false,
     };
-    is_clear && material.emission.is_none() && material.normal_map.is_none()
+    is_clear && material.emission.is_none() && material.normal_map.is_none() && material.medium.is_none()
+}
+
+fn is_clear(surface: &scene::Principled) -> bool {
+    let is_even = |number: &Scalar| number.texture.is_none();
+    let mut numbers = vec![&surface.metallic, &surface.roughness, &surface.specular, &surface.transmission];
+    numbers.extend([&surface.clearcoat, &surface.clearcoat_roughness]);
+    numbers.extend(&surface.glossiness);
+    let mut colours = vec![&surface.base_colour, &surface.specular_colour];
+    let mut is_covered_evenly = surface.coat_normal_map.is_none() && surface.anisotropy.is_none();
+    if let Some(sheen) = &surface.sheen {
+        numbers.push(&sheen.roughness);
+        colours.push(&sheen.colour);
+    }
+    if let Some(film) = &surface.iridescence {
+        numbers.push(&film.strength);
+        is_covered_evenly &= film.thickness_texture.is_none();
+    }
+    let roughness = surface.glossiness.map_or(surface.roughness.factor, |glossiness| 1.0 - glossiness.factor);
+    surface.thin
+        && surface.transmission.factor != 0.0
+        && roughness < MIN_ROUGHNESS
+        && is_covered_evenly
+        && numbers.into_iter().all(is_even)
+        && colours.into_iter().all(scene::Colour::is_constant)
 }
