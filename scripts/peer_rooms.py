@@ -79,4 +79,4 @@ def level():
         (joined(pillars), {"matte": (0.3, 0.4, 0.5)}),
         (joined(lamps), {"matte": (0, 0, 0), "lamp": (14, 13, 11)}),
     ]
-    return parts, (1.5, 1.7, 5.2), (-0.4, 1.3, -4), 65
+    return parts, (0.5, 1.7, 5.2), (-0.3, 1.4, -4), 65
