@@ -38,10 +38,12 @@ fn hit(pane: &Material) -> Material {
 /// Walls whose clear share is whole, tinted, partial, below a coat, below fibres, below a film, or that are half metal.
 fn panes() -> [(&'static str, Material); 9] {
     let openpbr = |edit: fn(&mut OpenPbr)| {
-        let mut surface = OpenPbr::default();
-        surface.specular_roughness = Scalar::constant(0.0);
-        surface.transmission_weight = Scalar::constant(1.0);
-        surface.thin_walled = true;
+        let mut surface = OpenPbr {
+            specular_roughness: Scalar::constant(0.0),
+            transmission_weight: Scalar::constant(1.0),
+            thin_walled: true,
+            ..OpenPbr::default()
+        };
         edit(&mut surface);
         of(Surface::OpenPbr(surface))
     };
