@@ -201,6 +201,21 @@ fn mirrored<L: Lanes>(wo: Vector<L>) -> Vector<L> {
     Vector::new(-wo.x, -wo.y, wo.z)
 }
 
+/// Perceptual roughness from which on a surface blurs what is seen in it.
+const POLISHED: f32 = 0.2;
+
+/// The least diffuse albedo with which a surface is seen itself.
+const LEAST_DIFFUSE: f32 = 0.02;
+
+/// [`Bsdf::shows_others`].
+#[cfg_attr(not(unoptimised), inline(always))]
+fn shows_others<L: Lanes>(surface: &Principled<L>, l: L) -> Mask<L> {
+    if surface.translucency.is_some() || surface.sheen.is_some() {
+        return Mask::splat(l, false);
+    }
+    !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
+}
+
 impl<'s, L: Lanes> Bsdf<'s, L> {
     /// The BSDF of `surface` at the points `at`.
     ///
@@ -335,21 +350,11 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
     /// Points at which one sees other surfaces rather than this one: mirrors, clear glass, polished metal.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn shows_others(&self, l: L) -> Mask<L> {
-        /// Perceptual roughness from which on a surface blurs what is seen in it.
-        const POLISHED: f32 = 0.2;
-        /// The least diffuse albedo with which a surface is seen itself.
-        const LEAST_DIFFUSE: f32 = 0.02;
-        let of_principled = |surface: &Principled<L>| {
-            if surface.translucency.is_some() || surface.sheen.is_some() {
-                return Mask::splat(l, false);
-            }
-            !(surface.facets.rougher_than(POLISHED) | surface.diffuse.max_element().above(LEAST_DIFFUSE))
-        };
         match self {
             Self::Mirror(_) | Self::Dielectric(_) => Mask::splat(l, true),
-            Self::Principled(surface) => of_principled(surface),
+            Self::Principled(surface) => shows_others(surface, l),
             Self::Pane(pane) => match pane.wall() {
-                Wall::Principled(surface) => of_principled(surface),
+                Wall::Principled(surface) => shows_others(surface, l),
                 Wall::OpenPbr(surface) => surface.shows_others(POLISHED, LEAST_DIFFUSE),
             },
             Self::OpenPbr(surface) => surface.shows_others(POLISHED, LEAST_DIFFUSE),
