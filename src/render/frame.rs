@@ -7,7 +7,7 @@ use super::{Blocks, CameraSample, NewRays, Part, Pass, Passable, Settings, Setti
 use crate::film::Film;
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vector};
-use crate::scene::{Camera, CameraError, Lens, LensRays, Material, Pinhole, Scene};
+use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
 use crate::schedule::SceneId;
 use crate::shade::bsdf::Smoothness;
 use crate::shade::{Cone, Lights, LitScene};
@@ -208,9 +208,9 @@ impl Frame {
         Self { passable, passes_panes: true, ..self }
     }
 
-    /// `smoothness` for hits on a material of the scene: whether it is a wall that these rays could have passed.
+    /// `smoothness` for hits on a material, numbered in the scene: it tells whether rays could have passed it.
     #[inline]
-    pub fn smoothness(&self, material: &Material, smoothness: Smoothness) -> Smoothness {
+    pub fn smoothness(&self, material: u32, smoothness: Smoothness) -> Smoothness {
         let stayed = self.passable.as_ref().is_some_and(|passable| passable.is_pane(material));
         Smoothness { stayed, ..smoothness }
     }

@@ -9,8 +9,8 @@ use crate::stream::Hit;
 /// The surfaces that rays may pass.
 #[derive(Debug)]
 pub(super) struct Passable {
-    /// True if clear walls are among them.
-    pub has_panes: bool,
+    /// For each material, true if it is a clear wall that rays may pass.
+    panes: Vec<bool>,
     /// For each material, true if it is such a surface or a mix with one.
     materials: Vec<bool>,
     bounds: SurfaceBounds,
@@ -24,15 +24,16 @@ const REACH: f32 = 8.0;
 impl Passable {
     /// Those of a scene, with clear walls or without; `None` if it has none.
     pub fn of(scene: &Scene, has_panes: bool) -> Option<Self> {
-        let is_sought =
-            |material: &Material| computes_opacity(scene, material) || (has_panes && is_pane(material));
+        let is_pane = |material: &Material| has_panes && is_pane(material);
+        let is_sought = |material: &Material| computes_opacity(scene, material) || is_pane(material);
         let materials = sought_materials(scene, is_sought);
         if !materials.contains(&true) {
             return None;
         }
         let all = scene.bounds();
         let bounds = SurfaceBounds::new(scene, &all, &materials);
-        Some(Self { has_panes, materials, bounds, reach: all.max_abs() * REACH })
+        let panes = scene.materials.iter().map(is_pane).collect();
+        Some(Self { panes, materials, bounds, reach: all.max_abs() * REACH })
     }
 
     /// True if a ray may pass what it has hit.
@@ -43,8 +44,8 @@ impl Passable {
 
     /// True if a material that is no mix is a clear wall that rays may pass.
     #[inline]
-    pub fn is_pane(&self, material: &Material) -> bool {
-        self.has_panes && is_pane(material)
+    pub fn is_pane(&self, material: u32) -> bool {
+        self.panes[material as usize]
     }
 
     /// Lanes whose rays may meet one of them before they end at `end` times the direction.

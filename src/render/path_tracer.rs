@@ -317,7 +317,7 @@ impl Shading<'_, '_> {
             None => &material.surface,
             Some(one) => &one.surface,
         };
-        let bsdf = Bsdf::new(scene, surface, &at, frame.smoothness(material, Smoothness::IN_MEDIA));
+        let bsdf = Bsdf::new(scene, surface, &at, frame.smoothness(number, Smoothness::IN_MEDIA));
         let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
         let place = Place { number, at: &at, bsdf: &bsdf, dispersed };

@@ -12,7 +12,6 @@ use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, Passable, hits_of, rays_of};
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
-use crate::scene::Material;
 use crate::schedule::{Batch, Output, SeeThrough};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::{Bsdf, Cone, Interaction, sort};
@@ -153,11 +152,12 @@ struct Decide<'a> {
 }
 
 impl Decide<'_> {
-    /// The chance that rays stay on a material that is no mix, if they may pass it.
+    /// The chance that rays stay on a material that is no mix, numbered in the scene, if they may pass it.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn stays<L: Lanes>(&self, material: &Material, at: &Interaction<L>) -> Option<Num<L>> {
+    fn stays<L: Lanes>(&self, number: u32, at: &Interaction<L>) -> Option<Num<L>> {
         let scene = self.frame.scene();
-        if self.passable.is_pane(material) {
+        let material = &scene.materials[number as usize];
+        if self.passable.is_pane(number) {
             let smoothness = Smoothness { stayed: true, ..Smoothness::EXACT };
             let Bsdf::Pane(pane) = Bsdf::new(scene, &material.surface, at, smoothness) else { return None };
             return Some(1.0 - pane.chance());
@@ -178,8 +178,8 @@ impl LaneTask for Decide<'_> {
         let cone = Cone::unpack(Int::splat(l, frame.cone().pack().get()));
         let mut passed = Vec::new();
         for run in sort(l, batch.hits, scene).runs() {
-            let Some(material) = run.material else { continue };
-            let material = &scene.materials[material as usize];
+            let Some(of_run) = run.material else { continue };
+            let material = &scene.materials[of_run as usize];
             for rays in run.rays.chunks(L::LANES) {
                 // Lanes that are left over repeat the first ray and count for nothing.
                 let (ids, lanes) = Int::some(l, rays, rays[0]);
@@ -196,7 +196,7 @@ impl LaneTask for Decide<'_> {
                 let length = direction.length_squared().sqrt();
                 let (direction, width) = (direction / length, cone.at(hits.t * length).width);
                 let at = &Interaction::new(scene, material, direction, &hits, width);
-                let Some(stays) = self.stays(material, at) else { break };
+                let Some(stays) = self.stays(of_run, at) else { break };
                 let sampler = Sampler::of(pixel, sample, frame.settings().seed);
                 let passes = passes(stays, &sampler, number, at.texture.primitive);
                 // Rays through the centres of pixels find what is there.
