@@ -127,7 +127,6 @@ def of_file(args, name, folder):
     text = lambda vector: ",".join(f"{x:.9g}" for x in vector)
     words = [f"--eye={text(eye)}", f"--target={text(target)}", f"--fov={fov}"]
     sky = None if lamps else SKY
-    words += [f"--env={text(sky)}"] if sky else []
     return Scene(parts, list(eye), list(target), fov, reach, sky, file, words)
 
 
@@ -202,6 +201,8 @@ def raystream(args, scene, folder):
     out, stats = folder / "out.npy", folder / "out.json"
     width, height = args.size
     command = [args.raystream, "render", scene.file, "-o", out, "--stats", stats, "--tracer", "cpu"]
+    # No light but the scene's, where a room is open.
+    command += [f"--env={','.join(map(str, scene.sky or (0, 0, 0)))}"]
     command += ["--threads", args.threads, "--size", f"{width}x{height}", "--spp", args.spp]
     command += ["--max-bounces", args.bounces, *([] if args.roulette else ["--no-russian-roulette"]), *scene.words]
     answer = None

@@ -29,7 +29,7 @@ impl MeshSize {
         self.vertices.saturating_mul(vertex).saturating_add(self.triangles.saturating_mul(16))
     }
 
-    /// Takes the memory for as many more vertices and triangles.
+    /// Takes the memory for as many more vertices and triangles, and for the attributes that the mesh has.
     ///
     /// # Errors
     /// When the system does not give it.
@@ -55,6 +55,9 @@ impl MeshSize {
             mesh.more_uvs.resize(mesh.more_uvs.len().max(self.more_uvs as usize), Vec::new());
             for uvs in &mut mesh.more_uvs {
                 uvs.try_reserve_exact(vertices)?;
+            }
+            for attribute in &mut mesh.attributes {
+                attribute.values.try_reserve_exact(vertices.saturating_mul(attribute.width as usize))?;
             }
             Ok(())
         };

@@ -12,7 +12,7 @@ pub const MAX_ATTRIBUTE_WIDTH: u32 = 4;
 /// [`super::Points::attribute`], and `struct Attributes` of shaders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VertexAttribute {
-    /// Name. The glTF loader makes `wetness` of `_WETNESS`.
+    /// Name. The glTF loader makes `wetness` of `_WETNESS`; the PLY loader keeps names.
     pub name: String,
     /// Numbers of a vertex: 1 to [`MAX_ATTRIBUTE_WIDTH`].
     pub width: u32,

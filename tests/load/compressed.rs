@@ -119,6 +119,22 @@ fn draco_differs_by_quantisation_only() {
 }
 
 #[test]
+fn draco_streams_hold_attributes_of_the_files_own() {
+    let mut document = draco(EDGEBREAKER);
+    // The stream's texture coordinates once more.
+    let flow = document.json["accessors"][2].clone();
+    let flow = document.add("accessors", flow);
+    let primitive = &mut document.json["meshes"][0]["primitives"][0];
+    primitive["attributes"]["_FLOW"] = json!(flow);
+    primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"]["_FLOW"] = json!(2);
+    let scene = document.scene();
+    let flow = scene.mesh.attribute("flow").expect("an attribute");
+    let uvs: Vec<f32> = scene.mesh.uvs.iter().flat_map(|uv| uv.to_array()).collect();
+    assert_eq!((flow.width, &flow.values), (2, &uvs));
+    assert!(uvs.contains(&1.0) && scene.warnings.is_empty(), "{:?}", scene.warnings);
+}
+
+#[test]
 fn draco_streams_keep_what_the_accessors_promise() {
     let changed = |place: &str, value: Value| {
         let mut document = draco(EDGEBREAKER);
@@ -241,6 +257,12 @@ fn meshopt_differs_by_quantisation_only() {
             list
         };
         assert_eq!(sorted(&scene), sorted(&expected));
+        // Some writers do not mark the buffer that stands in for the decompressed bytes.
+        let mut unmarked = meshopt(name, |_, _| {});
+        unmarked.json["buffers"][1].as_object_mut().expect("an object").remove("extensions");
+        assert_eq!(sorted(&unmarked.scene()), sorted(&expected));
+        unmarked.json["bufferViews"][2].as_object_mut().expect("an object").remove("extensions");
+        assert_holds(&unmarked.message(), &["buffers[1]", "no binary chunk for it"]);
     }
 }
 

@@ -214,6 +214,10 @@ fn skins_bend_with_their_joints() {
         assert_positions(&scene, &strip.expected(seconds), &format!("{seconds} s"));
         assert!(scene.mesh.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-6));
     }
+    // Joints need not be in the scene.
+    let mut outside = strip.document.clone();
+    outside.json["scenes"] = json!([{ "nodes": [0] }]);
+    assert_positions(&at_time(&outside, 1.7), &strip.expected(1.7), "joints outside the scene");
     // At rest, where the joints are, and not where the mesh's own node is.
     assert_positions(&strip.document.scene(), &strip.expected(0.0), "at rest");
     assert!(warns(&strip.document.scene(), &["animation 0", "rest pose"]));
@@ -300,6 +304,15 @@ fn morph_targets_displace_texture_coordinates_and_colours() {
             [0.5 + 0.25 * share, (0.25 - 0.5 * share + 0.125 * share).max(0.0), 1.0, 0.75 - 0.25 * share];
         assert!(mesh.colours.iter().all(|found| found.to_array() == colour), "{share}: {:?}", mesh.colours);
     }
+    // So are attributes of the file's own.
+    let rest = document.floats("SCALAR", &[1.0, 2.0, 3.0]);
+    let rise = document.floats("SCALAR", &[0.5, 0.0, -4.0]);
+    let primitive = &mut document.json["meshes"][0]["primitives"][0];
+    primitive["attributes"]["_WETNESS"] = json!(rest);
+    primitive["targets"][0]["_WETNESS"] = json!(rise);
+    let wetness = |scene: &Scene| scene.mesh.attribute("wetness").expect("an attribute").values.clone();
+    assert_eq!(wetness(&at_time(&document, 0.0)), [1.0, 2.0, 3.0]);
+    assert_eq!(wetness(&at_time(&document, 2.0)), [1.5, 2.0, -1.0]);
     // At rest the weights are 0, and a mesh without the attributes is not displaced into having them.
     assert_eq!(document.scene().mesh.uvs[1].to_array(), [1.0, 0.0]);
     let mut bare = document.clone();
@@ -366,8 +379,9 @@ fn wrong_skins_targets_and_keys_are_named() {
     assert_holds(&error, &["meshes[0].primitives[0]", "follows joint", "there are 2"]);
     let error = skin(|document| {
         document.json["scenes"] = json!([{ "nodes": [0] }]);
+        document.json["nodes"][8]["children"] = json!([1]);
     });
-    assert_holds(&error, &["skins[0]", "nodes[1] is no node of the scene"]);
+    assert_holds(&error, &["skins[0]", "nodes[1] is in no tree of nodes"]);
     let error = skin(|document| {
         let weights = document.floats("VEC4", &[-1.0; 4 * 2 * RINGS]);
         document.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = json!(weights);

@@ -74,6 +74,33 @@ fn normals_and_texture_coordinates_in_any_order_and_type() {
 }
 
 #[test]
+fn other_numbers_of_vertices_are_attributes() {
+    let header = HEADER.replace(
+        "property float z\n",
+        "property float z\nproperty uchar intensity\nproperty list uchar int seen_by\nproperty double scalar_age\n",
+    );
+    let rows = "0 0 0 255 2 7 8 1.5\n1 0 0 0 0 nan\n1 1 0 3 1 9 1e300\n0 1 0.5 4 0 -2\n3 0 1 2\n4 0 1 2 3\n";
+    let scene = ascii(&format!("{header}{rows}"));
+    let mesh = &scene.mesh;
+    let names: Vec<&str> = mesh.attributes.iter().map(|attribute| &*attribute.name).collect();
+    assert_eq!(names, ["intensity", "scalar_age"]);
+    assert_eq!(mesh.attributes[0].values, [255.0, 0.0, 3.0, 4.0], "integers as they are");
+    assert_eq!(mesh.attributes[1].values, [1.5, 0.0, 0.0, -2.0], "what is not finite is 0");
+    assert!(mesh.attributes.iter().all(|attribute| attribute.width == 1));
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let many: String = (0..18).map(|i| format!("property float f_{i}\n")).collect();
+    let header =
+        HEADER.replace("property float z\n", &format!("property float z\n{many}property float f_1\n"));
+    let rows: String = ROWS.replace("0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n", "");
+    let zeros = " 0.25".repeat(19);
+    let vertices: String = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"].map(|v| format!("{v}{zeros}\n")).concat();
+    let scene = ascii(&format!("{header}{vertices}{rows}"));
+    assert_eq!(scene.mesh.attributes.len(), 16, "the second of a name is none");
+    assert_eq!(scene.mesh.attributes[15].values, [0.25; 4]);
+    assert!(warns(&scene, &["16 numbers", "\"f_16\""]));
+}
+
+#[test]
 fn strips_edges_and_elements_that_mean_nothing() {
     let scene = ascii(
         "ply\nformat ascii 1.0\nelement camera 1\nproperty float view\nelement vertex 5\nproperty float x\n\
@@ -131,6 +158,7 @@ fn wrong_headers_are_named() {
         ("element vertex 4\n", "", &["line 4", "before the first element"]),
         ("element vertex 4", "element vertex four", &["line 4", "four"]),
         ("float z", "float w", &["no property z"]),
+        ("element face", "element vertex 1\nproperty float x\nelement face", &["element vertex before it"]),
         ("vertex_indices", "corners", &["no list vertex_indices"]),
         ("list uchar int", "int", &["not a list"]),
         ("comment", "remark", &["line 3", "remark"]),

@@ -65,6 +65,23 @@ fn points_are_balls_of_their_colours() {
 }
 
 #[test]
+fn balls_and_tubes_have_the_attributes_of_what_they_stand_for() {
+    for (mode, each) in [(0, 12), (1, 14)] {
+        let mut document = square(mode);
+        let ages = document.floats("SCALAR", &[1.0, 2.0, 3.0, 4.0]);
+        document.json["meshes"][0]["primitives"][0]["attributes"]["_AGE"] = json!(ages);
+        let mesh = document.scene().mesh;
+        let age = mesh.attribute("age").expect("an attribute");
+        let expected: Vec<f32> = match mode {
+            0 => [1.0, 2.0, 3.0, 4.0].iter().flat_map(|&age| [age; 12]).collect(),
+            // Half of a tube's vertices are around each end.
+            _ => [1.0, 2.0, 3.0, 4.0].iter().flat_map(|&age| [age; 7]).collect(),
+        };
+        assert_eq!((age.values.len() % each, &age.values), (0, &expected), "mode {mode}");
+    }
+}
+
+#[test]
 fn lines_strips_and_loops_are_tubes_from_end_to_end() {
     let sizes = |scene: &Scene| -> Vec<[f32; 3]> {
         let mesh = &scene.mesh;
@@ -146,6 +163,10 @@ fn vertices_of_ply_files_without_faces_are_balls() {
         assert!(warns(&scene, &["vertex 2 in line 1", "1 vertices are not"]), "{:?}", scene.warnings);
         assert_closed(&scene.mesh);
     }
+    folder.write("intensities.ply", CLOUD.replace("uchar red", "uchar intensity"));
+    let scene = folder.load_with("intensities.ply", &LoadOptions::default()).expect("a scene");
+    let found = scene.mesh.attribute("intensity").expect("an attribute");
+    assert_eq!(found.values, [[255.0; 12], [0.0; 12]].concat(), "as many as vertices of balls");
     folder.write("c.ply", CLOUD.replace("element face 0", "element face 1") + "3 0 1 1\n");
     let scene = folder.load_with("c.ply", &LoadOptions::default()).expect("a scene");
     assert_eq!(scene.mesh.triangles.len(), 1, "faces alone are shown");

@@ -52,8 +52,11 @@ impl Buffers {
         session.check("the sum of its buffers", all).map_err(|source| session.over(source))?;
         let file = if binary.is_some() { file } else { Vec::new() };
         let mut buffers = Self { file, ..Self::default() };
+        let are_compressed = meshopt::are_compressed(document);
         for buffer in document.buffers() {
-            if meshopt::is_fallback(&buffer) {
+            let binary = binary.clone().filter(|_| buffer.index() == 0);
+            let has_bytes = matches!(buffer.source(), Source::Uri(_)) || binary.is_some();
+            if meshopt::is_fallback(&buffer) || (!has_bytes && are_compressed[buffer.index()]) {
                 buffers.list.push(Buffer::Own(Vec::new()));
                 continue;
             }
@@ -64,9 +67,8 @@ impl Buffers {
             };
             let found = match buffer.source() {
                 Source::Bin => binary
-                    .clone()
                     .map(Buffer::InFile)
-                    .ok_or_else(|| place("has no URI, and the file has no binary chunk".into()))?,
+                    .ok_or_else(|| place("has no URI, and the file has no binary chunk for it".into()))?,
                 Source::Uri(uri) => Buffer::Own(match locate(&path, uri).map_err(place)? {
                     Location::Data(bytes) => bytes,
                     Location::File(file) => {

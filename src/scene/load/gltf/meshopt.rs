@@ -13,10 +13,22 @@ use std::collections::BTreeMap;
 /// The names of the extension, which differ in the codecs that they allow.
 const NAMES: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 
-/// True if a buffer only stands in for decompressed bytes.
+/// True if a buffer says that it only stands in for decompressed bytes.
 pub(super) fn is_fallback(buffer: &Buffer) -> bool {
     let extension = NAMES.iter().find_map(|name| buffer.extension_value(name));
     extension.is_some_and(|extension| extension["fallback"].as_bool() == Some(true))
+}
+
+/// For each buffer, true if it has views and all of them are compressed. Without bytes, it is a fallback as well.
+pub(super) fn are_compressed(document: &Document) -> Vec<bool> {
+    let (mut has_views, mut has_plain) =
+        (vec![false; document.buffers().len()], vec![false; document.buffers().len()]);
+    for view in document.views() {
+        let buffer = view.buffer().index();
+        has_views[buffer] = true;
+        has_plain[buffer] |= NAMES.iter().all(|name| view.extension_value(name).is_none());
+    }
+    has_views.into_iter().zip(has_plain).map(|(has_views, has_plain)| has_views && !has_plain).collect()
 }
 
 /// The compressed form of a buffer view.

@@ -39,8 +39,7 @@ pub(super) struct World {
 pub(super) fn flatten<'a>(context: &mut Context<'a>, materials: Materials) -> Result<World, LoadProblem> {
     let pose = Pose::new(context)?;
     let nodes = in_world(context, &pose)?;
-    let places: BTreeMap<usize, DMat4> =
-        nodes.iter().map(|found| (found.node.index(), found.matrix)).collect();
+    let places = places(context.document, &pose, &nodes);
     let mut flattened = Flattened::new(materials);
     reserve(context, &mut flattened, &nodes, materials)?;
     let mut lights = Vec::new();
@@ -120,10 +119,34 @@ fn in_world<'a>(context: &mut Context<'a>, pose: &Pose) -> Result<Vec<WorldNode<
     Ok(found)
 }
 
+/// The matrices of the scene's nodes; where a skin has joints outside the scene, of those in other trees, too.
+fn places(document: &Document, pose: &Pose, nodes: &[WorldNode]) -> BTreeMap<usize, DMat4> {
+    let mut places: BTreeMap<usize, DMat4> =
+        nodes.iter().map(|found| (found.node.index(), found.matrix)).collect();
+    if document.skins().flat_map(|skin| skin.joints()).all(|joint| places.contains_key(&joint.index())) {
+        return places;
+    }
+    let mut is_root = vec![true; document.nodes().len()];
+    for child in document.nodes().flat_map(|node| node.children()) {
+        is_root[child.index()] = false;
+    }
+    let roots = document.nodes().filter(|node| is_root[node.index()]);
+    let mut pending: Vec<(Node, DMat4)> = roots.map(|node| (node, DMat4::IDENTITY)).collect();
+    while let Some((node, matrix)) = pending.pop() {
+        if places.contains_key(&node.index()) {
+            continue;
+        }
+        let matrix = matrix * pose.matrix(&node).unwrap_or_else(|| local_matrix(&node));
+        places.insert(node.index(), matrix);
+        pending.extend(node.children().map(|child| (child, matrix)));
+    }
+    places
+}
+
 /// The matrices of a skin's joints, from a mesh at rest to the world. The place of the mesh's own node does not matter.
 ///
 /// # Errors
-/// When a joint is no node of the scene, or the matrices of the joints at rest cannot be read.
+/// When a joint is in no tree of nodes, or the matrices of the joints at rest cannot be read.
 fn joints(
     context: &Context,
     skin: &::gltf::Skin,
@@ -140,7 +163,7 @@ fn joints(
     let matrix = |(number, joint): (usize, Node)| {
         let place = places.get(&joint.index());
         let place = place
-            .ok_or_else(|| wrong(format!("its joint nodes[{}] is no node of the scene", joint.index())))?;
+            .ok_or_else(|| wrong(format!("its joint nodes[{}] is in no tree of nodes", joint.index())))?;
         let rest = rest.as_ref().map(|rest| DMat4::from_cols_array(&rest[number].map(f64::from)));
         let matrix = *place * rest.unwrap_or(DMat4::IDENTITY);
         let is_finite = matrix.is_finite();

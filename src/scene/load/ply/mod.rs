@@ -5,19 +5,21 @@
 
 mod header;
 mod values;
+mod vertex;
 
 use super::dropped::Dropped;
 use super::session::Session;
 use super::strokes::{self, Strokes};
 use super::{LoadProblem, plain, quote};
-use crate::scene::{MeshSize, Scene, TriangleMesh, srgb};
-use glam::{Vec2, Vec3};
-use header::{Element, Form, Header, Property};
+use crate::scene::{MeshSize, Scene, TriangleMesh, VertexAttribute};
+use header::{Element, Header, Property};
 use std::path::Path;
 use values::Values;
+use vertex::{Columns, Role, Vertex};
 
 /// Loads a PLY file: vertices (`x y z`, `nx ny nz`, `u v` or `s t`, `red green blue alpha`) and faces or triangle
 /// strips. The material is matte, of the vertices' colours or grey. The vertices of a file without faces become balls.
+/// Other numbers of the vertices become attributes of the mesh, by their names.
 pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let path = session.path.clone();
     let bytes = session.read()?;
@@ -34,37 +36,6 @@ pub(super) fn load(session: &mut Session) -> Result<Scene, LoadProblem> {
     let Reader { mut mesh, dropped, has_alpha, .. } = reader;
     dropped.finish(&mut mesh.positions, &mut session.warnings);
     Ok(plain::scene(mesh, plain::one_object(&path), has_alpha, &mut session.warnings))
-}
-
-/// The meaning of a vertex property.
-#[derive(Clone, Copy, PartialEq)]
-enum Role {
-    Position(usize),
-    Normal(usize),
-    Uv(usize),
-    /// Red, green, blue or alpha.
-    Colour(usize),
-    Other,
-}
-
-impl Role {
-    fn of(name: &str) -> Self {
-        match name {
-            "x" => Self::Position(0),
-            "y" => Self::Position(1),
-            "z" => Self::Position(2),
-            "nx" => Self::Normal(0),
-            "ny" => Self::Normal(1),
-            "nz" => Self::Normal(2),
-            "u" | "s" | "texture_u" | "texture_s" => Self::Uv(0),
-            "v" | "t" | "texture_v" | "texture_t" => Self::Uv(1),
-            "red" | "r" | "diffuse_red" => Self::Colour(0),
-            "green" | "g" | "diffuse_green" => Self::Colour(1),
-            "blue" | "b" | "diffuse_blue" => Self::Colour(2),
-            "alpha" | "a" | "diffuse_alpha" => Self::Colour(3),
-            _ => Self::Other,
-        }
-    }
 }
 
 /// The state of reading the rows.
@@ -104,60 +75,38 @@ impl Reader<'_> {
     }
 
     fn vertices(&mut self, element: &Element, session: &mut Session) -> Result<(), LoadProblem> {
-        let roles: Vec<Role> = element.properties.iter().map(|p| Role::of(&p.name)).collect();
-        let has = |role| roles.contains(&role);
-        if let Some(axis) = (0..3).find(|&axis| !has(Role::Position(axis))) {
-            let axis = ["x", "y", "z"][axis];
-            return Err(self.error(element, 0, format!("the vertices have no property {axis}")));
+        if !self.mesh.positions.is_empty() {
+            return Err(self.error(element, 0, "there is an element vertex before it".into()));
         }
-        let normals = (0..3).all(|axis| has(Role::Normal(axis)));
-        let uvs = (0..2).all(|axis| has(Role::Uv(axis)));
-        let colours = (0..3).all(|channel| has(Role::Colour(channel)));
-        self.has_alpha = has(Role::Colour(3));
-        if !colours && (0..3).any(|channel| has(Role::Colour(channel))) {
-            session.warnings.add("Vertex colours need red, green and blue; parts of colours are ignored.");
-        }
-        let vertices = element.count as u64;
-        session
-            .reserve(&mut self.mesh, MeshSize { vertices, normals, uvs, colours, ..MeshSize::default() })?;
+        let columns =
+            Columns::of(element, &mut session.warnings).map_err(|problem| self.error(element, 0, problem))?;
+        let Columns { normals, uvs, colours, .. } = columns;
+        self.has_alpha = columns.alpha;
+        self.mesh.attributes = columns.attributes();
+        let (vertices, numbers) = (element.count as u64, self.mesh.attributes.len() as u32);
+        let size = MeshSize { vertices, normals, uvs, colours, numbers, ..MeshSize::default() };
+        session.reserve(&mut self.mesh, size)?;
+        let mut vertex = Vertex::default();
         for row in 0..element.count {
-            let [mut position, mut normal, mut uv] = [[0.0_f32; 3]; 3];
-            let mut colour = [1.0_f32; 4];
-            for (property, role) in element.properties.iter().zip(&roles) {
-                let slot = match (*role, &property.form) {
-                    (Role::Position(axis), Form::Scalar(kind)) => Some((&mut position[axis], kind)),
-                    (Role::Normal(axis), Form::Scalar(kind)) => Some((&mut normal[axis], kind)),
-                    (Role::Uv(axis), Form::Scalar(kind)) => Some((&mut uv[axis], kind)),
-                    (Role::Colour(channel), Form::Scalar(kind)) => Some((&mut colour[channel], kind)),
-                    _ => None,
-                };
-                let full_scale = match (role, &property.form) {
-                    (Role::Colour(_), Form::Scalar(kind)) => kind.full_scale(),
-                    _ => 1.0,
-                };
-                let result = match slot {
-                    Some((slot, kind)) => {
-                        self.values.number(*kind).map(|value| *slot = (value / full_scale) as f32)
-                    }
-                    None => self.values.skip(&property.form),
-                };
-                result.map_err(|problem| self.error(element, row, problem))?;
-            }
+            vertex
+                .read(&mut self.values, element, &columns)
+                .map_err(|problem| self.error(element, row, problem))?;
             let place = || match self.values.line() {
                 Some(line) => format!("vertex {row} in line {line}"),
                 None => format!("vertex {row}"),
             };
-            self.mesh.positions.push(self.dropped.checked(position.into(), place));
+            self.mesh.positions.push(self.dropped.checked(vertex.position.into(), place));
             if normals {
-                self.mesh.normals.push(Vec3::from(normal).normalize_or_zero());
+                self.mesh.normals.push(vertex.normal());
             }
             if uvs {
-                // v points up in PLY files.
-                let uv = Vec2::new(uv[0], 1.0 - uv[1]);
-                self.mesh.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
+                self.mesh.uvs.push(vertex.uv());
             }
             if colours {
-                self.mesh.colours.push(srgb::decoded(colour));
+                self.mesh.colours.push(vertex.colour());
+            }
+            for (attribute, &number) in self.mesh.attributes.iter_mut().zip(&vertex.numbers) {
+                attribute.values.push(if number.is_finite() { number } else { 0.0 });
             }
         }
         Ok(())
@@ -174,7 +123,7 @@ impl Reader<'_> {
         let Some(list) = element.properties.iter().find(is_list) else {
             return Err(self.error(element, 0, "has no list vertex_indices".into()));
         };
-        if element.properties.iter().any(|p| Role::of(&p.name) == Role::Colour(0)) {
+        if element.properties.iter().any(|p| Role::of(&p.name) == Some(Role::Colour(0))) {
             session.warnings.add("Colours of faces are ignored; those of vertices are shown.");
         }
         let vertices = self.mesh.positions.len();
@@ -216,10 +165,11 @@ impl Reader<'_> {
 
     /// Puts balls in the place of the vertices.
     fn points(&mut self, session: &mut Session) -> Result<(), LoadProblem> {
-        let TriangleMesh { positions, uvs, colours, .. } = std::mem::take(&mut self.mesh);
+        let TriangleMesh { positions, uvs, colours, attributes, .. } = std::mem::take(&mut self.mesh);
         let size = MeshSize {
             uvs: !uvs.is_empty(),
             colours: !colours.is_empty(),
+            numbers: attributes.len() as u32,
             ..strokes::size_of_points(positions.len() as u64)
         };
         session.reserve(&mut self.mesh, size)?;
@@ -235,6 +185,10 @@ impl Reader<'_> {
         if !colours.is_empty() {
             self.mesh.colours.extend(stand_for.iter().map(|&vertex| colours[vertex as usize]));
         }
+        self.mesh.attributes.extend(attributes.into_iter().map(|VertexAttribute { name, width, values }| {
+            let values = stand_for.iter().map(|&vertex| values[vertex as usize]).collect();
+            VertexAttribute { name, width, values }
+        }));
         let _ = strokes.finish(&mut self.mesh, session.options.stroke_width, &mut session.warnings);
         Ok(())
     }
