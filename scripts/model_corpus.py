@@ -5,9 +5,9 @@
     python3 -m venv .venv && .venv/bin/pip install pillow
     .venv/bin/python scripts/model_corpus.py glTF-Asset-Generator/Output sheets
 
-Renders each model from the manifest's camera by raystream's default light, and writes a sheet for each folder of models:
-published pictures above, raystream's below. Prints a table in Markdown: models shown, with warnings, refused, and
-failures. A failure is an end by anything but a picture or an error of one line. Exits with 1 if there is one.
+Renders each model from the manifest's camera by raystream's default light. Writes a sheet for each folder of models:
+published pictures above, raystream's below. Prints a table in Markdown: models shown, refused, and failures, which are
+ends by anything but a picture or an error. Exits with 1 if there is one.
 """
 
 import argparse
@@ -74,24 +74,23 @@ def main():
     args.sheets.mkdir(parents=True, exist_ok=True)
     manifest = json.loads((args.folder / "Manifest.json").read_text())
     failures = 0
-    print("| models | of them shown | with warnings | refused | failures |\n|---|---:|---:|---:|---:|")
+    print("| models | shown | refused | failures |\n|---|---:|---:|---:|")
     with tempfile.TemporaryDirectory() as temporary, concurrent.futures.ThreadPoolExecutor(args.threads) as pool:
         for folder, models in groups(manifest):
             outs = [pathlib.Path(temporary) / f"{folder.replace('/', '-')}-{i}.png" for i in range(len(models))]
             answers = list(pool.map(lambda of: render(args, folder, *of), zip(models, outs)))
-            rows, warned, refused, failed = [], 0, [], []
+            rows, refused, failed = [], [], []
             for model, out, (code, said) in zip(models, outs, answers):
                 name = pathlib.Path(model["fileName"]).stem
                 image = model.get("sampleImageName")
                 rows.append((name.rpartition("_")[2], args.folder / folder / image if image else None, out))
-                warned += code == 0 and "WARN" in said
                 last = said.strip().splitlines()[-1] if said.strip() else ""
                 if code == 2:
                     refused.append((name, last))
                 elif code != 0:
                     failed.append((name, f"{code}: {last}"))
             shown = len(models) - len(refused) - len(failed)
-            print(f"| {folder} ({len(models)}) | {shown} | {warned} | {len(refused)} | {len(failed)} |", flush=True)
+            print(f"| {folder} ({len(models)}) | {shown} | {len(refused)} | {len(failed)} |", flush=True)
             for name, last in refused + failed:
                 print(f"{name}: {last}", file=sys.stderr)
             failures += len(failed)

@@ -235,6 +235,8 @@ fn versions_of_gltf_are_told_apart() {
     let mut old = version("1.0", None);
     old.json["meshes"] = json!({ "mesh": { "primitives": [] } });
     assert_holds(&old.message(), &["\"1.0\"", "2.0 is supported"]);
+    old.json["asset"]["version"] = json!(1);
+    assert_holds(&old.message(), &["\"1\"", "2.0 is supported"]);
 }
 
 #[test]

@@ -162,7 +162,7 @@ fn parse(
     let mut root: Root = root.map_err(|error| {
         // A file of another version differs in more than its version.
         let head = ::gltf::json::deserialize::from_slice::<Head>(json);
-        let problem = head.ok().and_then(|head| unsupported(&head.asset.version, None));
+        let problem = head.ok().and_then(|head| unsupported(&head.asset.version(), None));
         file(problem.unwrap_or_else(|| format!("not valid glTF JSON: {error}")))
     })?;
     if let Some(problem) = unsupported(&root.asset.version, root.asset.min_version.as_deref()) {
@@ -201,7 +201,14 @@ struct Head {
 
 #[derive(Deserialize)]
 struct Asset {
-    version: String,
+    version: Value,
+}
+
+impl Asset {
+    /// The version, which some writers of version 1 give as a number.
+    fn version(&self) -> String {
+        self.version.as_str().map_or_else(|| self.version.to_string(), str::to_owned)
+    }
 }
 
 /// The problem if a document needs another version of glTF than 2.0. A later version 2 is read as 2.0 unless the
