@@ -26,7 +26,7 @@ FOV = 45.8
 
 
 def groups(manifest):
-    """The folders of models, with those below them."""
+    """The folders of models, and the models of each."""
     for entry in manifest:
         if "models" in entry:
             yield entry["folder"], entry["models"]
