@@ -254,14 +254,6 @@ impl<S: HitShader> Renderer for HitShading<S> {
     fn shade(&self, batch: Batch<'_, S::Payload>, out: &mut Output<'_, S::Payload, S::ShadowPayload>) {
         let Self { shader, frame, memory } = self;
         let camera_sample = |payload: &S::Payload| shader.camera_sample(payload);
-        let sample_of =
-            |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
-        let met = frame.pass_on(&batch, sample_of, out);
-        let batch = match &met {
-            None => batch,
-            Some(met) if met.is_empty() => return,
-            Some(met) => met.batch(),
-        };
         match frame.add_first_hits(&batch, !S::ADDS_FIRST_HITS, camera_sample) {
             None => shader.shade(frame, memory, batch, out),
             Some(given) if given.is_empty() => {}
@@ -276,6 +268,13 @@ impl<S: HitShader> Renderer for HitShading<S> {
 
     fn warnings(&self) -> Vec<String> {
         self.frame.dropped_warnings()
+    }
+
+    fn passing(&self, batch: &Batch<'_, S::Payload>) -> Vec<u32> {
+        let Self { shader, frame, .. } = self;
+        let sample_of =
+            |payload: &S::Payload| (shader.sample_of(payload), shader.camera_sample(payload).is_some());
+        frame.passing_rays(batch, sample_of)
     }
 
     fn see_through(&self) -> Option<&dyn SeeThrough> {

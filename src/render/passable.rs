@@ -1,18 +1,17 @@
 //! The surfaces of a scene that rays may pass: surfaces of computed opacity, and clear walls.
 
-use crate::lanes::{Lanes, Mask, Num, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Material, Scene, Surface};
 use crate::shade::bsdf::is_pane;
 use crate::shade::{SurfaceBounds, sought_materials};
-use crate::stream::Hit;
 
 /// The surfaces that rays may pass.
 #[derive(Debug)]
 pub(super) struct Passable {
     /// For each material, true if it is a clear wall that rays may pass.
     panes: Vec<bool>,
-    /// For each material, true if it is such a surface or a mix with one.
-    materials: Vec<bool>,
+    /// For each material, 1 if it is such a surface or a mix with one, else 0.
+    materials: Vec<u32>,
     bounds: SurfaceBounds,
     /// The greatest coordinate of origins from where the bounds are certain.
     reach: f32,
@@ -33,13 +32,15 @@ impl Passable {
         let all = scene.bounds();
         let bounds = SurfaceBounds::new(scene, &all, &materials);
         let panes = scene.materials.iter().map(is_pane).collect();
+        let materials = materials.into_iter().map(u32::from).collect();
         Some(Self { panes, materials, bounds, reach: all.max_abs() * REACH })
     }
 
-    /// True if a ray may pass what it has hit.
-    #[inline]
-    pub fn is_met(&self, scene: &Scene, hit: &Hit) -> bool {
-        !hit.is_miss() && self.materials[scene.mesh.materials[hit.primitive as usize] as usize]
+    /// Lanes whose material rays may pass, or a part of it if it is a mix.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn is_of<L: Lanes>(&self, materials: Int<L>) -> Mask<L> {
+        let [is_passable] = materials.rows(&self.materials);
+        !is_passable.is(0)
     }
 
     /// True if a material that is no mix is a clear wall that rays may pass.

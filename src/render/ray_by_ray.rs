@@ -52,6 +52,10 @@ impl<R: Renderer> Renderer for RayByRay<R> {
         self.0.warnings()
     }
 
+    fn passing(&self, batch: &Batch<'_, R::Payload>) -> Vec<u32> {
+        self.0.passing(batch)
+    }
+
     fn see_through(&self) -> Option<&dyn SeeThrough> {
         self.0.see_through()
     }

@@ -1,22 +1,27 @@
 //! Rays that pass surfaces of computed opacity, in all integrators, and clear walls, in those that ask for it.
 //!
-//! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. A ray that
-//! passes is emitted again as it was, from just behind its hit, and the shader does not see it. So distances, cones,
-//! depths and payloads stay what they are without the surface. Each pass moves a ray's start, so a ray passes a
-//! triangle once.
+//! Before a shader sees a batch, the hits on such surfaces are shaded for the chance of passing alone. The scheduler
+//! emits a ray that passes again as it was, from just behind its hit ([`crate::schedule::Renderer::passing`]). So
+//! distances, cones, depths and payloads stay what they are without the surface. Each pass moves a ray's start, so a
+//! ray passes a triangle once.
 //!
 //! Shadow rays that meet such a surface are traced on by the scheduler ([`SeeThrough`]). Their payloads tell no sample,
 //! so a number of their line selects the random numbers.
 
-use super::first_hits::GivenRays;
 use super::{CameraSample, Frame, Passable, hits_of, rays_of};
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
-use crate::schedule::{Batch, Output, SeeThrough};
+use crate::scene::Scene;
+use crate::schedule::{Batch, SeeThrough};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::{Bsdf, Cone, Interaction, sort};
-use crate::stream::{Hit, Ray};
-use bytemuck::Pod;
+use crate::stream::{Hit, MISS, Ray};
+use std::cell::Cell;
+
+thread_local! {
+    /// The hits of the last batch of this thread that are on such surfaces. The list is reused.
+    static SPARE: Cell<Vec<u32>> = const { Cell::new(Vec::new()) };
+}
 
 /// The numbers that decide about a ray, beside its hit: the pixel and the sample, which select its random numbers; and
 /// [`IS_CAMERA_RAY`] or [`HAS_NO_SAMPLE`].
@@ -34,15 +39,14 @@ impl Frame {
         self.passable().map(|_| self as &dyn SeeThrough)
     }
 
-    /// Emits the rays of a batch again that pass the surfaces that they have hit. Returns the others, if any has
-    /// passed. `sample_of` tells the sample of a ray, and whether it is a camera ray.
-    pub(super) fn pass_on<P: Pod, S>(
+    /// The rays of a batch that pass the surfaces that they have hit, in ascending order. `sample_of` tells the sample
+    /// of a ray, and whether it is a camera ray.
+    pub(super) fn passing_rays<P>(
         &self,
         batch: &Batch<'_, P>,
         sample_of: impl Fn(&P) -> (Option<CameraSample>, bool),
-        out: &mut Output<'_, P, S>,
-    ) -> Option<GivenRays<P>> {
-        let passable = self.passable()?;
+    ) -> Vec<u32> {
+        let Some(passable) = self.passable() else { return Vec::new() };
         let draw = |i: usize| {
             let (sample, is_camera_ray) = sample_of(&batch.payloads[i]);
             let word = if is_camera_ray { IS_CAMERA_RAY } else { 0 };
@@ -51,12 +55,7 @@ impl Frame {
                 None => [0, 0, word | HAS_NO_SAMPLE],
             }
         };
-        let passed = self.passed(passable, batch.rays, batch.hits, draw);
-        for &i in &passed {
-            let (ray, hit) = (batch.rays[i as usize], batch.hits[i as usize]);
-            out.ray(Ray { t_min: hit.t.next_up(), ..ray }, batch.payloads[i as usize]);
-        }
-        (!passed.is_empty()).then(|| GivenRays::without(batch, &passed))
+        self.passed(passable, batch.rays, batch.hits, draw)
     }
 
     /// The rays that pass what they have hit, in ascending order.
@@ -67,24 +66,41 @@ impl Frame {
         hits: &[Hit],
         draw: impl Fn(usize) -> Draw,
     ) -> Vec<u32> {
-        let met: Vec<usize> = (0..hits.len()).filter(|&i| passable.is_met(self.scene(), &hits[i])).collect();
+        let mut met = SPARE.take();
+        met.clear();
+        self.simd().run(Find { passable, scene: self.scene(), hits, met: &mut met });
+        let passed = self.passed_of(passable, &met, rays, hits, draw);
+        SPARE.set(met);
+        passed
+    }
+
+    /// The rays of these that pass the surfaces that they have hit, in ascending order.
+    fn passed_of(
+        &self,
+        passable: &Passable,
+        met: &[u32],
+        rays: &[Ray],
+        hits: &[Hit],
+        draw: impl Fn(usize) -> Draw,
+    ) -> Vec<u32> {
         if met.is_empty() {
             return Vec::new();
         }
-        let rays: Vec<Ray> = met.iter().map(|&i| rays[i]).collect();
-        let hits: Vec<Hit> = met.iter().map(|&i| hits[i]).collect();
-        let draws: Vec<Draw> = met.iter().map(|&i| draw(i)).collect();
+        let places = || met.iter().map(|&i| i as usize);
+        let rays: Vec<Ray> = places().map(|i| rays[i]).collect();
+        let hits: Vec<Hit> = places().map(|i| hits[i]).collect();
+        let draws: Vec<Draw> = places().map(draw).collect();
         let batch = Batch { rays: &rays, hits: &hits, payloads: &draws };
         let mut passed = self.simd().run(Decide { frame: self, passable, batch });
         passed.sort_unstable();
-        passed.iter().map(|&i| met[i as usize] as u32).collect()
+        passed.iter().map(|&i| met[i as usize]).collect()
     }
 }
 
 impl SeeThrough for Frame {
-    fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
+    fn may_meet(&self, rays: &[Ray], occluded: &[u32]) -> Vec<u32> {
         let Some(passable) = self.passable() else { return Vec::new() };
-        self.simd().run(LieAhead { passable, rays })
+        self.simd().run(LieAhead { passable, rays, occluded })
     }
 
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
@@ -93,10 +109,44 @@ impl SeeThrough for Frame {
     }
 }
 
-/// Finds the rays that may meet passable surfaces, in ascending order.
+/// Finds the hits on passable surfaces, in ascending order.
+struct Find<'a> {
+    passable: &'a Passable,
+    scene: &'a Scene,
+    hits: &'a [Hit],
+    met: &'a mut Vec<u32>,
+}
+
+impl LaneTask for Find<'_> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run<L: Lanes>(self, l: L) {
+        let Self { passable, scene, hits, met } = self;
+        let count = hits.len() as u32;
+        for start in (0..count).step_by(L::LANES) {
+            let ids = (Int::iota(l) + start).at_most(count - 1);
+            let [_, _, _, primitive] = ids.rows(bytemuck::cast_slice(hits));
+            let is_hit = !primitive.is(MISS);
+            if !is_hit.any() {
+                continue;
+            }
+            let [material] = Int::select(is_hit, primitive, Int::splat(l, 0)).rows(&scene.mesh.materials);
+            let found = is_hit & passable.is_of(material) & (Int::iota(l) + start).below(count);
+            if found.any() {
+                let mut some = L::array(0);
+                let len = ids.append(found, some.as_mut());
+                met.extend_from_slice(&some.as_ref()[..len]);
+            }
+        }
+    }
+}
+
+/// Finds the occluded rays that may meet passable surfaces, in ascending order.
 struct LieAhead<'a> {
     passable: &'a Passable,
     rays: &'a [Ray],
+    occluded: &'a [u32],
 }
 
 impl LaneTask for LieAhead<'_> {
@@ -105,11 +155,16 @@ impl LaneTask for LieAhead<'_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn run<L: Lanes>(self, l: L) -> Vec<u32> {
         let count = self.rays.len() as u32;
-        let mut ahead = Vec::with_capacity(self.rays.len());
+        let mut ahead = Vec::new();
         for start in (0..count).step_by(L::LANES) {
             let ids = Int::iota(l) + start;
             let lanes = ids.below(count);
             let ids = Int::select(lanes, ids, Int::splat(l, start));
+            let [occluded] = ids.rows(self.occluded);
+            let lanes = lanes & !occluded.is(0);
+            if !lanes.any() {
+                continue;
+            }
             let [ox, oy, oz, _, x, y, z, end] = ids.rows_of(bytemuck::cast_slice(self.rays));
             let (origin, direction) = (Vector::new(ox, oy, oz), Vector::new(x, y, z));
             let ahead_of = self.passable.lies_ahead(origin, direction, end);

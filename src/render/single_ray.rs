@@ -2,8 +2,8 @@
 //! thread follows one path to its end before it starts the next. It calls the shaders of a [`Renderer`] with batches of
 //! one ray.
 
-use crate::schedule::{Batch, Output, RayCounts, Renderer, trace_on};
-use crate::stream::{Hit, Ray, RayArray, Tracer};
+use crate::schedule::{Output, RayCounts, Renderer, pass_or_shade, trace_on};
+use crate::stream::{Hit, Ray, RayArray, TracedRays, Tracer};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
 
@@ -125,12 +125,13 @@ impl<'a, R: Renderer> Walk<'a, R> {
     /// Follows a path to its end.
     fn follow(&mut self, mut ray: Ray, mut payload: R::Payload) {
         loop {
-            let mut hit = [Hit::NONE];
-            self.tracer.closest(&[ray], &mut hit);
+            let mut hits = [Hit::NONE];
+            self.tracer.closest(&[ray], &mut hits);
             let Self { renderer, rays, payloads, shadow_rays, shadow_payloads, .. } = self;
             let (rays, shadow_rays) = (rays.appender(), shadow_rays.appender());
-            renderer.shade(
-                Batch { rays: &[ray], hits: &hit, payloads: &[payload] },
+            pass_or_shade(
+                *renderer,
+                TracedRays { rays: &mut [ray], hits: &mut hits, payloads: &mut [payload] },
                 &mut Output { rays, payloads, shadow_rays, shadow_payloads },
             );
             self.settle_shadows();

@@ -153,6 +153,10 @@ impl<P: Pod + Send + Sync, S: Pod + Send + Sync> Renderer for Borrowed<P, S> {
         self.renderer().warnings()
     }
 
+    fn passing(&self, batch: &Batch<'_, P>) -> Vec<u32> {
+        self.renderer().passing(batch)
+    }
+
     fn see_through(&self) -> Option<&dyn SeeThrough> {
         self.renderer().see_through()
     }

@@ -58,5 +58,5 @@ pub use report::{
 pub use result::JobError;
 pub use scene_id::SceneId;
 pub use scope::Scope;
-pub use see_through::trace_on;
+pub use see_through::{pass_or_shade, trace_on};
 pub use service::{Service, ServiceError};

@@ -62,6 +62,17 @@ pub trait Renderer: Send + Sync {
         Vec::new()
     }
 
+    /// The rays of a traced batch that pass what they have hit: their places, in ascending order. They are emitted
+    /// again as they were, from just behind their hits, and [`Renderer::shade`] does not get them.
+    ///
+    /// The answer about a ray may depend on the ray, its hit and its payload alone, so that it is the same in any
+    /// batch.
+    ///
+    /// A renderer that wraps another must forward it.
+    fn passing(&self, _batch: &Batch<'_, Self::Payload>) -> Vec<u32> {
+        Vec::new()
+    }
+
     /// The surfaces that shadow rays may pass, if there are any. Shadow rays that meet something are then traced on, by
     /// the host, until something stops them.
     ///
@@ -84,9 +95,10 @@ pub trait Renderer: Send + Sync {
 
 /// Surfaces that shadow rays may pass.
 pub trait SeeThrough {
-    /// The shadow rays that may meet such a surface: their places, in ascending order. What others meet stops them.
-    fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
-        (0..rays.len() as u32).collect()
+    /// The shadow rays that are occluded, and may be by such a surface: their places, in ascending order. What others
+    /// meet stops them. `occluded[i]` is 1 if `rays[i]` hits anything, else 0.
+    fn may_meet(&self, _rays: &[Ray], occluded: &[u32]) -> Vec<u32> {
+        (0..occluded.len() as u32).filter(|&i| occluded[i as usize] != 0).collect()
     }
 
     /// Decides which shadow rays pass what they hit first: their places, in ascending order. `hits` are their nearest

@@ -1,18 +1,44 @@
-//! Shadow rays that pass some of the surfaces that they meet.
+//! Rays that pass some of the surfaces that they meet.
 //!
-//! Traversal answers only that something is hit. Where a renderer has such surfaces, the occluded rays of a stream are
-//! traced once more for what they hit first, all together; the renderer decides which of them pass, and those go on
-//! from just behind their hits until none is left.
+//! A ray that passes what it has hit goes into a stream again, from just behind its hit, as if the surface were not
+//! there.
+//!
+//! Of shadow rays, traversal answers only that something is hit. Where a renderer has such surfaces, the occluded rays
+//! of a stream are traced once more for what they hit first, all together; the renderer decides which of them pass, and
+//! those go on from just behind their hits until none is left.
 
-use super::renderer::SeeThrough;
-use crate::stream::{Hit, Ray, Tracer};
+use super::renderer::{Batch, Output, Renderer, SeeThrough};
+use crate::stream::{Hit, Ray, TracedRays, Tracer};
+
+/// Emits the rays that pass what they have hit, and shades the others.
+pub fn pass_or_shade<R: Renderer>(
+    renderer: &R,
+    traced: TracedRays<'_, R::Payload>,
+    out: &mut Output<'_, R::Payload, R::ShadowPayload>,
+) {
+    let TracedRays { rays, hits, payloads } = traced;
+    let passing = renderer.passing(&Batch { rays, hits, payloads });
+    let mut len = rays.len();
+    for i in passing.iter().map(|&i| i as usize).rev() {
+        out.ray(behind(&rays[i], &hits[i]), payloads[i]);
+        // The last ray takes the place.
+        len -= 1;
+        (rays[i], hits[i], payloads[i]) = (rays[len], hits[len], payloads[len]);
+    }
+    if len > 0 {
+        renderer.shade(Batch { rays: &rays[..len], hits: &hits[..len], payloads: &payloads[..len] }, out);
+    }
+}
+
+/// A ray from just behind what it has hit.
+fn behind(ray: &Ray, hit: &Hit) -> Ray {
+    Ray { t_min: hit.t.next_up(), ..*ray }
+}
 
 /// Clears the answer of each occluded ray that passes all that it meets.
 pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
-    let stopped: Vec<usize> = (0..rays.len()).filter(|&i| occluded[i] != 0).collect();
-    let all: Vec<Ray> = stopped.iter().map(|&i| rays[i]).collect();
-    let met = surfaces.may_meet(&all);
-    let mut left: Vec<usize> = met.iter().map(|&place| stopped[place as usize]).collect();
+    let met = surfaces.may_meet(rays, occluded);
+    let mut left: Vec<usize> = met.iter().map(|&place| place as usize).collect();
     let mut on: Vec<Ray> = left.iter().map(|&i| rays[i]).collect();
     let mut hits = Vec::new();
     // A ray that passes begins behind its hit, so it ends where the triangles do.
@@ -28,7 +54,7 @@ pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], oc
         let passing = surfaces.passing(&on, &hits);
         let places = || passing.iter().map(|&place| place as usize);
         left = places().map(|place| left[place]).collect();
-        on = places().map(|place| Ray { t_min: hits[place].t.next_up(), ..on[place] }).collect();
+        on = places().map(|place| behind(&on[place], &hits[place])).collect();
     }
 }
 
@@ -61,8 +87,9 @@ mod tests {
     }
 
     impl SeeThrough for Walls {
-        fn may_meet(&self, rays: &[Ray]) -> Vec<u32> {
-            (0..rays.len() as u32).filter(|&i| rays[i as usize].t_max >= self.met_from).collect()
+        fn may_meet(&self, rays: &[Ray], occluded: &[u32]) -> Vec<u32> {
+            let may = |&i: &usize| occluded[i] != 0 && rays[i].t_max >= self.met_from;
+            (0..rays.len()).filter(may).map(|i| i as u32).collect()
         }
 
         fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {

@@ -2,10 +2,10 @@
 
 use super::result::JobError;
 use super::task_times::thread_ns;
-use super::{Batch, Depths, Limits, Output, RayCounts, Renderer, Tracers, Unit, trace_on};
+use super::{Depths, Limits, Output, RayCounts, Renderer, Tracers, Unit, pass_or_shade, trace_on};
 use crate::stream::{
     Answered, Chunk, ChunkScratch, DeviceReport, DeviceState, Filling, Full, OnDevice, RayStream,
-    StreamAppender, Ticket, Traced, TracedChunk, TracedRays, Untraced, catching, paths,
+    StreamAppender, Ticket, Traced, TracedChunk, Untraced, catching, paths,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -191,16 +191,13 @@ impl<R: Renderer> SharedJob<R> {
     ) -> Done<R::Payload, R::ShadowPayload> {
         let limits = &self.limits;
         let shadows = input.take_shadows();
-        let traced_on = self.renderer.see_through().map(|surfaces| {
-            let mut occluded = shadows.occluded.to_vec();
-            trace_on(surfaces, &*self.tracers.host, shadows.rays, &mut occluded);
-            occluded
-        });
-        let occluded = traced_on.as_deref().unwrap_or(shadows.occluded);
+        if let Some(surfaces) = self.renderer.see_through() {
+            trace_on(surfaces, &*self.tracers.host, shadows.rays, shadows.occluded);
+        }
         for start in (0..shadows.rays.len()).step_by(limits.batch_rays) {
             let batch = start..(start + limits.batch_rays).min(shadows.rays.len());
             let (rays, payloads) = (&shadows.rays[batch.clone()], &shadows.payloads[batch.clone()]);
-            self.renderer.shadow(rays, payloads, &occluded[batch]);
+            self.renderer.shadow(rays, payloads, &shadows.occluded[batch]);
         }
         let (mut emitted, mut depths) = (Emitted::default(), Depths::default());
         let batch_rays = limits.batch_rays.min(threshold).min(most_rays);
@@ -208,16 +205,15 @@ impl<R: Renderer> SharedJob<R> {
         while (done == 0 || done.saturating_add(batch_rays) <= most_rays)
             && !self.abandoned.load(Ordering::Relaxed)
         {
-            let TracedRays { rays, hits, payloads } = input.next_batch(batch_rays);
-            if rays.is_empty() {
+            let batch = input.next_batch(batch_rays);
+            let rays = batch.rays.len();
+            if rays == 0 {
                 break;
             }
-            done += rays.len();
-            depths.count(payloads.iter().map(|payload| self.renderer.depth(payload)));
-            let batch = Batch { rays, hits, payloads };
-            let most_shadows = rays.len() * limits.shadow_rays_per_ray;
-            let more =
-                self.emit(&mut output, rays.len(), most_shadows, |out| self.renderer.shade(batch, out));
+            done += rays;
+            depths.count(batch.payloads.iter().map(|payload| self.renderer.depth(payload)));
+            let shade = |out: &mut Output<'_, _, _>| pass_or_shade(&*self.renderer, batch, out);
+            let more = self.emit(&mut output, rays, rays * limits.shadow_rays_per_ray, shade);
             emitted.rays += more.rays;
             emitted.shadow_rays += more.shadow_rays;
             // A full stream is traced before more is shaded (RA section 3).

@@ -66,7 +66,7 @@ fn points_are_balls_of_their_colours() {
 
 #[test]
 fn balls_and_tubes_have_the_attributes_of_what_they_stand_for() {
-    for (mode, each) in [(0, 12), (1, 14)] {
+    for mode in [0, 1] {
         let mut document = square(mode);
         let ages = document.floats("SCALAR", &[1.0, 2.0, 3.0, 4.0]);
         document.json["meshes"][0]["primitives"][0]["attributes"]["_AGE"] = json!(ages);
@@ -77,7 +77,7 @@ fn balls_and_tubes_have_the_attributes_of_what_they_stand_for() {
             // Half of a tube's vertices are around each end.
             _ => [1.0, 2.0, 3.0, 4.0].iter().flat_map(|&age| [age; 7]).collect(),
         };
-        assert_eq!((age.values.len() % each, &age.values), (0, &expected), "mode {mode}");
+        assert_eq!(age.values, expected, "mode {mode}");
     }
 }
 

@@ -36,6 +36,12 @@ pub struct CallState {
 }
 
 impl CallState {
+    /// The sample of the path, and whether the ray is a camera ray.
+    pub(super) fn sample(&self) -> (Option<CameraSample>, bool) {
+        let Self { pixel, sample, head } = *self;
+        (Some(CameraSample { pixel, sample }), head == NO_SLOT)
+    }
+
     fn camera_sample(&self) -> Option<CameraSample> {
         let Self { pixel, sample, head } = *self;
         (head == NO_SLOT).then_some(CameraSample { pixel, sample })
@@ -263,12 +269,6 @@ where
 
     fn shade(&self, batch: Batch<'_, CallState>, out: &mut Rays<'_>) {
         let frame = &self.shader_frame.frame;
-        let sample_of = |state: &CallState| {
-            let CallState { pixel, sample, .. } = *state;
-            (Some(CameraSample { pixel, sample }), state.camera_sample().is_some())
-        };
-        let met = frame.pass_on(&batch, sample_of, out);
-        let batch = met.as_ref().map_or(batch, GivenRays::batch);
         let given = frame.add_first_hits(&batch, true, CallState::camera_sample);
         let batch = given.as_ref().map_or(batch, GivenRays::batch);
         let mut free_list = self.slots.local_free_list();

@@ -150,6 +150,10 @@ impl<S: Shader> Renderer for Recursion<S> {
         self.frame().dropped_warnings()
     }
 
+    fn passing(&self, batch: &Batch<'_, CallState>) -> Vec<u32> {
+        self.frame().passing_rays(batch, CallState::sample)
+    }
+
     fn see_through(&self) -> Option<&dyn SeeThrough> {
         self.frame().see_through()
     }

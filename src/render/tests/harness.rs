@@ -3,8 +3,8 @@
 
 use crate::bvh::Bvh;
 use crate::scene::Scene;
-use crate::schedule::{Batch, Output, Renderer, trace_on};
-use crate::stream::{Hit, Ray, RayArray, Tracer};
+use crate::schedule::{Output, Renderer, pass_or_shade, trace_on};
+use crate::stream::{Hit, Ray, RayArray, TracedRays, Tracer};
 use crate::trace::cpu::{CpuTracer, SimdLevel};
 use std::sync::Arc;
 
@@ -45,11 +45,12 @@ pub fn render<R: Renderer>(renderer: &R, batch: usize, tracer: &dyn Tracer) -> C
                 let mut new_rays = RayArray::with_capacity(part.len());
                 let mut new_shadow_rays =
                     RayArray::with_capacity(part.len() * renderer.shadow_rays_per_ray());
-                renderer.shade(
-                    Batch {
-                        rays: &rays[part.clone()],
-                        hits: &hits[part.clone()],
-                        payloads: &payloads[part.clone()],
+                pass_or_shade(
+                    renderer,
+                    TracedRays {
+                        rays: &mut rays[part.clone()],
+                        hits: &mut hits[part.clone()],
+                        payloads: &mut payloads[part.clone()],
                     },
                     &mut Output {
                         rays: new_rays.appender(),

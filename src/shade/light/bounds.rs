@@ -42,6 +42,10 @@ impl LightBounds {
 
     /// Axis and spread of the smallest cone around both cones.
     fn cone_with(&self, other: &Self) -> (Vec3, f32) {
+        // All directions are within it already. Balls have many such cones, and an arc cosine takes long.
+        if self.spread >= PI {
+            return (self.axis, self.spread);
+        }
         let mut cosine = self.axis.dot(other.axis).clamp(-1.0, 1.0);
         let mut towards = other.axis;
         if self.two_sided && other.two_sided && cosine < 0.0 {

@@ -44,6 +44,9 @@ const INDEX: u32 = TWO_SIDED - 1;
 /// The most forks on a path: a path has one bit for each and is stored in a word.
 const MAX_DEPTH: u32 = 32;
 
+/// Up to this many lights are sorted by one thread.
+const ALONE: usize = 4096;
+
 /// Candidate planes of each axis.
 const BINS: usize = 12;
 
@@ -53,44 +56,19 @@ const NORMAL_SLACK: f32 = 0.006;
 const AXIS_SLACK: f32 = 1e-3;
 
 impl LightTree {
-    /// A tree of at least two lights.
+    /// A tree of at least two lights. Threads build its parts; it is the same by any number of them.
     pub fn new(lights: &[LightBounds]) -> Self {
         assert!((2..INDEX as usize / 2).contains(&lights.len()), "{} lights", lights.len());
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
-        let mut tree = Self { children: Vec::with_capacity(2 * lights.len()), paths: vec![0; lights.len()] };
-        tree.fork(lights, &mut order, 0, 0);
-        tree
-    }
-
-    /// Appends the fork of these lights and all forks below. Returns the fork's index and the lights' bounds.
-    fn fork(
-        &mut self,
-        lights: &[LightBounds],
-        order: &mut [u32],
-        depth: u32,
-        path: u32,
-    ) -> (u32, LightBounds) {
-        let first = self.children.len();
-        self.children.extend([Child::zeroed(); 2]);
-        let middle = split(lights, order, depth);
-        let (left, right) = order.split_at_mut(middle);
-        let mut bounds = [lights[left[0] as usize], lights[right[0] as usize]];
-        for (k, part) in [left, right].into_iter().enumerate() {
-            let path = path | (k as u32) << depth;
-            let next = match *part {
-                [light] => {
-                    self.paths[light as usize] = path;
-                    LEAF | light
-                }
-                _ => {
-                    let (fork, around) = self.fork(lights, part, depth + 1, path);
-                    bounds[k] = around;
-                    fork
-                }
-            };
-            self.children[first + k] = Child::new(&bounds[k], next);
+        let mut ordered = vec![0; lights.len()];
+        let mut children = vec![Child::zeroed(); 2 * (lights.len() - 1)];
+        let all = Part { lights, order: &mut order, paths: &mut ordered, children: &mut children, fork: 0 };
+        all.build(0, 0);
+        let mut paths = vec![0; lights.len()];
+        for (&light, &path) in order.iter().zip(&ordered) {
+            paths[light as usize] = path;
         }
-        (first as u32 / 2, bounds[0].union(&bounds[1]))
+        Self { children, paths }
     }
 
     /// Chooses a light for each receiver by `u` in [0, 1). Returns the lights, their probabilities, which are
@@ -120,6 +98,45 @@ impl LightTree {
             probabilities: [(a / sum).only(there), (b / sum).only(there)],
             next: [left[WORDS - 1], right[WORDS - 1]],
         }
+    }
+}
+
+/// Some of the lights, and the part of a tree that is theirs.
+struct Part<'a> {
+    lights: &'a [LightBounds],
+    /// Their indices, which are sorted by place in the tree.
+    order: &'a mut [u32],
+    /// Their paths, in the same order.
+    paths: &'a mut [u32],
+    /// The children of their forks: the first fork, all below its first child, all below its second.
+    children: &'a mut [Child],
+    /// Index of the first fork.
+    fork: u32,
+}
+
+impl Part<'_> {
+    /// Builds the part at the end of a path. Returns what a child says of it: its bounds and its `next` word.
+    fn build(self, depth: u32, path: u32) -> (LightBounds, u32) {
+        let Self { lights, order, paths, children, fork } = self;
+        if let [light] = *order {
+            paths[0] = path;
+            return (lights[light as usize], LEAF | light);
+        }
+        let count = order.len();
+        let middle = split(lights, order, depth);
+        let (order, paths) = (order.split_at_mut(middle), paths.split_at_mut(middle));
+        let (own, below) = children.split_at_mut(2);
+        let below = below.split_at_mut(2 * (middle - 1));
+        let left = Self { lights, order: order.0, paths: paths.0, children: below.0, fork: fork + 1 };
+        let right =
+            Self { lights, order: order.1, paths: paths.1, children: below.1, fork: fork + middle as u32 };
+        let left = || left.build(depth + 1, path);
+        let right = || right.build(depth + 1, path | 1 << depth);
+        let (left, right) = if count > ALONE { rayon::join(left, right) } else { (left(), right()) };
+        for (child, (bounds, next)) in own.iter_mut().zip([&left, &right]) {
+            *child = Child::new(bounds, *next);
+        }
+        (left.0.union(&right.0), fork)
     }
 }
 
@@ -283,8 +300,8 @@ fn split(lights: &[LightBounds], order: &mut [u32], depth: u32) -> usize {
     let longest = size.max_position();
     if depth + levels + 1 < MAX_DEPTH && size[longest] > 0.0 {
         let mut best = (f32::INFINITY, 0, 0);
-        for axis in (0..3).filter(|&axis| size[axis] > 0.0) {
-            if let Some((cost, bin)) = cheapest(lights, order, low[axis], size[axis], axis) {
+        for (axis, found) in cheapest_planes(lights, order, low, size).into_iter().enumerate() {
+            if let Some((cost, bin)) = found {
                 // Thin nodes are worse than their surface suggests.
                 let cost = cost * size[longest] / size[axis];
                 if cost < best.0 {
@@ -310,6 +327,23 @@ fn bin(x: f32, low: f32, size: f32) -> usize {
     (((x - low) / size * BINS as f32) as usize).min(BINS - 1)
 }
 
+/// The cheapest planes across the axes along which lights differ; see [`cheapest`].
+fn cheapest_planes(
+    lights: &[LightBounds],
+    order: &[u32],
+    low: Vec3,
+    size: Vec3,
+) -> [Option<(f32, usize)>; 3] {
+    let across = |axis: usize| {
+        (size[axis] > 0.0).then(|| cheapest(lights, order, low[axis], size[axis], axis)).flatten()
+    };
+    if order.len() <= ALONE {
+        return [0, 1, 2].map(across);
+    }
+    let (x, (y, z)) = rayon::join(|| across(0), || rayon::join(|| across(1), || across(2)));
+    [x, y, z]
+}
+
 /// The last bin before the cheapest plane across an axis, and the cost of both children.
 fn cheapest(lights: &[LightBounds], order: &[u32], low: f32, size: f32, axis: usize) -> Option<(f32, usize)> {
     let mut bins: [Option<LightBounds>; BINS] = [None; BINS];
@@ -324,6 +358,10 @@ fn cheapest(lights: &[LightBounds], order: &[u32], low: f32, size: f32, axis: us
     }
     let (mut before, mut best) = (None, None);
     for k in 0..BINS - 1 {
+        // Behind an empty bin, a plane has the cost of the one before.
+        if bins[k].is_none() {
+            continue;
+        }
         before = join(before, bins[k]);
         if let (Some(before), Some(behind)) = (&before, &behind[k]) {
             let cost = LightBounds::cost(before) + behind.cost();
@@ -339,5 +377,47 @@ fn join(a: Option<LightBounds>, b: Option<LightBounds>) -> Option<LightBounds> {
     match (a, b) {
         (Some(a), Some(b)) => Some(a.union(&b)),
         (a, b) => a.or(b),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::{Sampler, warp};
+    use std::f32::consts::FRAC_PI_2;
+
+    /// Small lamps in a cube, every eighth of them in one place.
+    fn lamps(count: u32) -> Vec<LightBounds> {
+        let lamp = |i: u32| {
+            let random = Sampler::new(if i.is_multiple_of(8) { 0 } else { i }, 0, 3);
+            let low = Vec3::from([0, 1, 2].map(|k| random.single(k)));
+            let axis = warp::sphere(random.pair(3));
+            let high = low + Vec3::splat(0.01);
+            LightBounds { low, high, axis, spread: 0.1, reach: FRAC_PI_2, power: 1.0, two_sided: false }
+        };
+        (0..count).map(lamp).collect()
+    }
+
+    #[test]
+    fn the_path_of_each_light_leads_to_it_whatever_the_number_of_threads() {
+        let lamps = lamps(3 * ALONE as u32);
+        let by = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+            pool.install(|| LightTree::new(&lamps))
+        };
+        let (tree, other) = (by(1), by(4));
+        assert_eq!(
+            bytemuck::cast_slice::<_, u32>(&tree.children),
+            bytemuck::cast_slice::<_, u32>(&other.children)
+        );
+        assert_eq!(tree.paths, other.paths);
+        for (light, &path) in tree.paths.iter().enumerate() {
+            let (mut next, mut depth) = (0, 0);
+            while next & LEAF == 0 {
+                next = tree.children[2 * (next & INDEX) as usize + (path >> depth & 1) as usize].next;
+                depth += 1;
+            }
+            assert_eq!((next & INDEX) as usize, light);
+        }
     }
 }

@@ -246,11 +246,11 @@ fn trace_stream(tracer: &GpuTracer, oracle: &Oracle, rays: &[Ray], shadow_rays: 
     });
     let (mut stream, report) = stream.seal().trace_on(tracer).expect("the device answers");
     let shadows = stream.take_shadows();
-    for (ray, &occluded) in shadow_rays.iter().zip(shadows.occluded) {
+    for (ray, &occluded) in shadow_rays.iter().zip(&*shadows.occluded) {
         assert_eq!(occluded, u32::from(!oracle.closest_one(ray).is_miss()), "{ray:?}");
     }
     let batch = stream.next_batch(rays.len());
-    assert_eq!((batch.rays, batch.hits.len()), (rays, rays.len()));
+    assert_eq!((&*batch.rays, batch.hits.len()), (rays, rays.len()));
     for (ray, hit) in rays.iter().zip(batch.hits) {
         assert_eq!(hit, &oracle.closest_one(ray), "{ray:?}");
     }

@@ -161,6 +161,12 @@ impl Deref for RayArray {
     }
 }
 
+impl DerefMut for RayArray {
+    fn deref_mut(&mut self) -> &mut [Ray] {
+        if self.is_empty() { &mut [] } else { &mut self.memory[..self.len] }
+    }
+}
+
 /// Appends rays to a [`RayArray`].
 #[derive(Debug)]
 pub struct RayAppender<'a> {

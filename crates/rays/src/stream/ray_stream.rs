@@ -87,15 +87,15 @@ pub struct StreamAppender<'a, P, S> {
     pub shadow_payloads: &'a mut Vec<S>,
 }
 
-/// Consecutive traced rays of a stream; see [`RayStream::next_batch`].
+/// Consecutive traced rays of a stream; see [`RayStream::next_batch`]. The taker may change their order.
 #[derive(Debug)]
 pub struct TracedRays<'a, P> {
     /// The rays.
-    pub rays: &'a [Ray],
+    pub rays: &'a mut [Ray],
     /// Their nearest hits.
-    pub hits: &'a [Hit],
+    pub hits: &'a mut [Hit],
     /// Their payloads.
-    pub payloads: &'a [P],
+    pub payloads: &'a mut [P],
 }
 
 /// The traced shadow rays of a stream; see [`RayStream::take_shadows`].
@@ -105,8 +105,8 @@ pub struct TracedShadows<'a, S> {
     pub rays: &'a [Ray],
     /// Their payloads.
     pub payloads: &'a [S],
-    /// 1 where something was hit, else 0.
-    pub occluded: &'a [u32],
+    /// 1 where something was hit, else 0. The taker may change it.
+    pub occluded: &'a mut [u32],
 }
 
 /// A stream that a device has traced, and what it cost.
@@ -407,7 +407,7 @@ impl<P, S> RayStream<Traced, P, S> {
         TracedShadows {
             rays: &data.shadow_rays[..len],
             payloads: &shadow_payloads[..len],
-            occluded: &answers.occluded[..len],
+            occluded: &mut answers.occluded[..len],
         }
     }
 
@@ -423,9 +423,9 @@ impl<P, S> RayStream<Traced, P, S> {
         let data = Arc::get_mut(data).expect("chunks live no longer than the state Tracing");
         let answers = data.answers.get_mut().unwrap_or_else(PoisonError::into_inner);
         TracedRays {
-            rays: &data.rays[range.clone()],
-            hits: &answers.hits[range.clone()],
-            payloads: &payloads[range],
+            rays: &mut data.rays[range.clone()],
+            hits: &mut answers.hits[range.clone()],
+            payloads: &mut payloads[range],
         }
     }
 

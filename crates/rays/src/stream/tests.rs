@@ -102,7 +102,7 @@ fn check(
         let left = stream.rays_left();
         let batch = stream.next_batch(3);
         assert_eq!(batch.rays.len(), left.min(3));
-        for ((ray, hit), &payload) in batch.rays.iter().zip(batch.hits).zip(batch.payloads) {
+        for ((ray, hit), &payload) in batch.rays.iter().zip(&*batch.hits).zip(&*batch.payloads) {
             assert_eq!((ray.origin[0], hit.t, hit.primitive, payload), (next as f32, next as f32, 3, next));
             next += 1;
         }
