@@ -22,6 +22,7 @@ import numpy as np
 from PIL import Image
 
 from agree_with_mitsuba import quad
+from cycles_stage import empty_stage, light_from_around, look_from, pixels_of
 from peer_rooms import box, joined
 
 EYE, TARGET, FOV = (1.2, 0.6, 4.2), (0, 0.1, 0), 45
@@ -87,15 +88,9 @@ def by_raystream(args, folder, steps):
 
 def by_cycles(args, folder):
     import bpy
-    import mathutils
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    stage = bpy.context.scene
+    stage = empty_stage(SIZE, args.spp)
     render, cycles = stage.render, stage.cycles
-    render.engine, cycles.device = "CYCLES", "CPU"
-    render.resolution_x, render.resolution_y = SIZE
-    cycles.samples, cycles.pixel_filter_type = args.spp, "BOX"
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     for kind in ("max", "diffuse", "min_light"):
         setattr(cycles, f"{kind}_bounces", 8)
@@ -129,26 +124,12 @@ def by_cycles(args, folder):
     stage.frame_set(round(TIME * FPS))
     render.use_motion_blur, render.motion_blur_shutter = True, SHUTTER * FPS
     render.motion_blur_position, blades.cycles.motion_steps = "CENTER", 7
-    stage.world = bpy.data.worlds.new("sky")
-    stage.world.use_nodes = True
-    stage.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
-    lens = bpy.data.cameras.new("camera")
-    lens.sensor_fit, lens.angle = "VERTICAL", math.radians(FOV)
-    camera = bpy.data.objects.new("camera", lens)
-    back = np.subtract(EYE, TARGET) / np.linalg.norm(np.subtract(EYE, TARGET))
-    right = np.cross([0, 1, 0], back)
-    right /= np.linalg.norm(right)
-    columns = np.stack([right, np.cross(back, right), back, EYE], axis=1)
-    camera.matrix_world = mathutils.Matrix([*columns.tolist(), [0, 0, 0, 1]])
-    stage.collection.objects.link(camera)
-    stage.camera = camera
-    render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
+    light_from_around(stage, (0, 0, 0))
+    look_from(stage, EYE, TARGET, FOV)
     render.filepath = str(folder / "cycles.exr")
     bpy.ops.render.render(write_still=True)
-    image = bpy.data.images.load(render.filepath)
-    pixels = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(pixels)
-    return pixels.reshape(SIZE[1], SIZE[0], 4)[::-1, :, :3]
+    return pixels_of(render.filepath, SIZE)[::-1]
+
 
 
 def main():

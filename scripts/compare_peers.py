@@ -40,6 +40,7 @@ import numpy as np
 
 import agree_with_mitsuba
 from agree_with_mitsuba import FLOOR, LAMP, WALL, sphere, write_obj, write_ply
+from cycles_stage import empty_stage, light_from_around, look_from, pixels_of
 from peer_rooms import bathroom, level
 
 NONE = 0xFFFFFFFF
@@ -256,21 +257,13 @@ def mitsuba(args, scene, folder, variant):
 def cycles_process(pipe, args, scene, folder, defaults):
     """Cycles in a process of its own: Blender and Mitsuba bring libraries of the same names."""
     import bpy
-    import mathutils
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    stage = bpy.context.scene
+    stage = empty_stage(args.size, args.spp)
     render, cycles = stage.render, stage.cycles
-    render.engine = "CYCLES"
-    render.resolution_x, render.resolution_y = args.size
     render.threads_mode, render.threads = "FIXED", args.threads
     # Meshes and their tree stay from frame to frame.
     render.use_persistent_data = True
-    render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
-    cycles.device, cycles.use_auto_tile = "CPU", False
-    cycles.samples = args.spp
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
-    cycles.pixel_filter_type = "BOX"
+    cycles.use_auto_tile = False
     for kind in ("max", "diffuse", "glossy", "transmission", "min_light"):
         setattr(cycles, f"{kind}_bounces", args.bounces)
     if not defaults:
@@ -371,23 +364,9 @@ def cycles_process(pipe, args, scene, folder, defaults):
         mesh.materials.append(surface(material))
         stage.collection.objects.link(bpy.data.objects.new("part", mesh))
 
-    world = bpy.data.worlds.new("sky")
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = [*(scene.sky or [0, 0, 0]), 1]
-    stage.world = world
-
-    lens = bpy.data.cameras.new("camera")
-    lens.sensor_fit, lens.angle = "VERTICAL", math.radians(scene.fov)
+    light_from_around(stage, scene.sky or [0, 0, 0])
+    lens = look_from(stage, scene.eye, scene.target, scene.fov)
     lens.clip_start, lens.clip_end = scene.reach * 1e-4, scene.reach * 1e2
-    camera = bpy.data.objects.new("camera", lens)
-    back = np.subtract(scene.eye, scene.target)
-    back = back / np.linalg.norm(back)
-    right = np.cross([0, 1, 0], back)
-    right = right / np.linalg.norm(right)
-    columns = np.stack([right, np.cross(back, right), back, scene.eye], axis=1)
-    camera.matrix_world = mathutils.Matrix([*columns.tolist(), [0, 0, 0, 1]])
-    stage.collection.objects.link(camera)
-    stage.camera = camera
 
     bpy.ops.render.render()  # Builds the tree and keeps it.
     pipe.send(None)
@@ -397,11 +376,7 @@ def cycles_process(pipe, args, scene, folder, defaults):
         bpy.ops.render.render()
         seconds = time.perf_counter() - started
         bpy.data.images["Render Result"].save_render(str(folder / "cycles.exr"))
-        saved = bpy.data.images.load(str(folder / "cycles.exr"))
-        pixels = np.empty(len(saved.pixels), np.float32)
-        saved.pixels.foreach_get(pixels)
-        bpy.data.images.remove(saved)
-        pipe.send((seconds, pixels.reshape(args.size[1], args.size[0], 4)[..., :3]))
+        pipe.send((seconds, pixels_of(folder / "cycles.exr", args.size)))
 
 
 def cycles(args, scene, folder, defaults):
