@@ -131,7 +131,6 @@ def by_cycles(args, folder):
     return pixels_of(render.filepath, SIZE)[::-1]
 
 
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("output", type=pathlib.Path, help="Cycles' picture, then one of raystream's for each --steps")
