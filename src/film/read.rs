@@ -83,7 +83,7 @@ pub fn read_image(path: impl AsRef<Path>) -> std::result::Result<Content, ReadEr
 }
 
 fn decoded(path: &Path, format: image::ImageFormat) -> Result<image::DynamicImage> {
-    Ok(image::ImageReader::with_format(BufReader::new(File::open(path)?), format).decode()?)
+    Ok(image::load_from_memory_with_format(&std::fs::read(path)?, format)?)
 }
 
 fn read_png(path: &Path) -> Result<Image> {

@@ -74,7 +74,7 @@ impl Frame {
         contribution: Contribution,
     ) {
         let Contribution { radiance, pixel } = contribution;
-        let lanes = Mask::splat(SingleLane::default(), true);
+        let lanes = Mask::splat(SingleLane, true);
         if self.addable_lanes(material, lanes, pixel.into(), Vec3::from_array(radiance).into()).any() {
             out.shadow(ray, contribution);
         }

@@ -2,7 +2,7 @@
 
 use super::Frame;
 use crate::film::Film;
-use crate::lanes::{Int, Lanes, Mask, Num, Plain, SingleLane, Vector};
+use crate::lanes::{Int, Lanes, Mask, Num, SingleLane, Vector};
 use crate::shade::Cone;
 use bytemuck::{Pod, Zeroable};
 
@@ -19,7 +19,7 @@ pub(super) const ONE_CHANNEL: u32 = 1 << DEPTH_BITS;
 pub(super) const FACING_SHIFT: u32 = DEPTH_BITS + 1;
 
 /// Bits of [`PathState::index2_and_cone`] that are the index.
-const INDEX2: u32 = u32::MAX << Cone::<Plain<8>>::BITS;
+const INDEX2: u32 = u32::MAX << Cone::<SingleLane>::BITS;
 
 /// The state of a path.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

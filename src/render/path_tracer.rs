@@ -7,7 +7,7 @@ use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, Stat
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::{BlockFinishes, Camera, Medium};
 use crate::schedule::{Batch, Output};
 use crate::shade::bsdf::Smoothness;
@@ -22,7 +22,7 @@ pub const ROULETTE_BOUNCES: u32 = 2;
 /// Maximum number of bounces.
 pub(super) const MAX_BOUNCES: u32 = 1 << 10;
 
-const _: () = assert!(MAX_BOUNCES < DEPTH && FACING_SHIFT + Receiver::<Plain<8>>::FACING_BITS <= 32);
+const _: () = assert!(MAX_BOUNCES < DEPTH && FACING_SHIFT + Receiver::<SingleLane>::FACING_BITS <= 32);
 
 /// A path survives roulette with this many times the energy that it carries, at most with certainty: survivors then
 /// weigh at most a quarter of a fresh path, and rare deep light is less noisy than with one times the energy.

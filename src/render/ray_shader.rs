@@ -336,7 +336,7 @@ impl<P: Pod + Send + Sync, S: RayShader<P>> HitShader for PerRay<S, P> {
     ) {
         let mut session = stack.session();
         let (mut rays, mut shadows) = (Vec::new(), Vec::new());
-        for run in sort(SingleLane::default(), batch.hits, frame.scene()).runs() {
+        for run in sort(SingleLane, batch.hits, frame.scene()).runs() {
             for i in run.rays.iter().map(|&i| i as usize) {
                 let state = batch.payloads[i];
                 let mut hit = RayHit {

@@ -5,7 +5,7 @@ use super::settings::{Settings, SettingsError};
 use super::whitted_node::{MAX_BOUNCES, Node, SHADOW_RAYS, Sent, splats};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
-use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Plain, Vector};
+use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::{BlockFinishes, Camera};
 use crate::schedule::{Batch, Output};
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
@@ -17,7 +17,7 @@ use bytemuck::{Pod, Zeroable};
 /// Bits of [`WhittedState::depth_and_cone`] that count rays.
 const DEPTH_BITS: u32 = 16;
 const DEPTH: u32 = (1 << DEPTH_BITS) - 1;
-const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Cone::<Plain<8>>::BITS <= 32);
+const _: () = assert!(MAX_BOUNCES < DEPTH && DEPTH_BITS + Cone::<SingleLane>::BITS <= 32);
 
 /// Default maximum number of bounces.
 pub const WHITTED_BOUNCES: u32 = 8;

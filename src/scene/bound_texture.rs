@@ -227,7 +227,7 @@ mod tests {
 
     /// A point of the triangle, seen from above by a cone of a width.
     fn point(scene: &Scene, [u, v]: [f32; 2], width: f32) -> Points<'_, SingleLane> {
-        let l = SingleLane::default();
+        let l = SingleLane;
         let n = |x: f32| Num::splat(l, x);
         let up = Vector::new(n(0.0), n(0.0), n(1.0));
         Points {

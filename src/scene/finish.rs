@@ -165,7 +165,7 @@ macro_rules! finish {
 
             /// Passes the scalars to a sink, counted from `first` on.
             #[inline(always)]
-            pub(super) fn write_to(&self, first: usize, sink: &mut impl PointSink) {
+            pub(super) fn write_to(&self, first: usize, sink: &mut dyn PointSink) {
                 let mut scalar = first;
                 $(
                     let columns = LaneValue::columns(&self.$name);

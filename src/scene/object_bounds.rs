@@ -33,7 +33,7 @@ impl Scene {
 }
 
 fn boxes(scene: &Scene) -> Vec<f32> {
-    let (l, mesh, objects) = (SingleLane::default(), &scene.mesh, &scene.objects);
+    let (l, mesh, objects) = (SingleLane, &scene.mesh, &scene.objects);
     let mut all = vec![Aabb::EMPTY; objects.len()];
     for (triangles, owner) in objects.runs(mesh.triangles.len() as u32) {
         let Some(owner) = owner else { continue };

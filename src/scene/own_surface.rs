@@ -95,7 +95,7 @@ impl OwnSurface {
     pub fn constants(&self) -> Vec<Option<f32>> {
         let even = Self { surface: without_textures(self.surface), ..self.clone() };
         let scene = Scene::default();
-        let (l, zero) = (SingleLane::default(), Num::zero(SingleLane::default()));
+        let (l, zero) = (SingleLane, Num::zero(SingleLane));
         let up = Vector::new(zero, zero, Num::splat(l, 1.0));
         let finish = even.finish(&Points {
             position: Vector::zero(l),

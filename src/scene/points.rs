@@ -78,9 +78,9 @@ macro_rules! points {
                 Self { $($name: LaneValue::of_columns(l, &columns.$name),)* bumps, scene, own }
             }
 
-            /// Passes the scalars of what is wanted to a sink.
+            /// [`Points::write_to`] in line.
             #[inline(always)]
-            pub(crate) fn write_to(&self, all: WantedFields<'_>, sink: &mut impl PointSink) {
+            fn write_fields(&self, all: WantedFields<'_>, sink: &mut dyn PointSink) {
                 let (wanted, mut field, mut scalar) = (all.fields, 0, 0);
                 $(
                     if wanted >> field & 1 == 1 {
@@ -190,7 +190,29 @@ points! {
     }
 }
 
+/// [`Points::write_to`], out of line: it has the code of every field.
+struct WriteTask<'a, 's, L: Lanes> {
+    points: &'a Points<'s, L>,
+    wanted: WantedFields<'a>,
+    sink: &'a mut dyn PointSink,
+}
+
+impl<L: Lanes> OutlinedTask<L> for WriteTask<'_, '_, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self, _: L) {
+        self.points.write_fields(self.wanted, self.sink);
+    }
+}
+
 impl<L: Lanes> Points<'_, L> {
+    /// Passes the scalars of what is wanted to a sink.
+    #[inline(always)]
+    pub(crate) fn write_to(&self, wanted: WantedFields<'_>, sink: &mut dyn PointSink) {
+        self.lanes().outlined(WriteTask { points: self, wanted, sink });
+    }
+
     /// The points' lanes.
     #[inline(always)]
     pub fn lanes(&self) -> L {

@@ -182,9 +182,7 @@ impl Texture {
 
     /// [`Texture::look_up`] of the image itself at one point.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
-        self.look_up(uv.to_array().map(Num::from), &Footprint::point(SingleLane::default()))
-            .map(Num::get)
-            .into()
+        self.look_up(uv.to_array().map(Num::from), &Footprint::point(SingleLane)).map(Num::get).into()
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
@@ -341,7 +339,7 @@ mod tests {
         t.add_mipmap(Averaging::Light);
         let at = |width: f32, dither: f32| {
             let [width, dither] = [width, dither].map(Num::from);
-            let footprint = Footprint { width, dither, ..Footprint::point(SingleLane::default()) };
+            let footprint = Footprint { width, dither, ..Footprint::point(SingleLane) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[0].get()
         };
         assert_eq!(at(0.0, 0.99), 0.0);
@@ -369,8 +367,7 @@ mod tests {
                 let hits = 4000;
                 let seen = (0..hits).map(|i| {
                     let dither = Num::from((i * 19) as f32 / (1 << 17) as f32);
-                    let footprint =
-                        Footprint { width: 1.01.into(), dither, ..Footprint::point(SingleLane::default()) };
+                    let footprint = Footprint { width: 1.01.into(), dither, ..Footprint::point(SingleLane) };
                     t.look_up([u, 0.5].map(Num::from), &footprint)[0].get()
                 });
                 seen.sum::<f32>() / hits as f32
@@ -392,7 +389,7 @@ mod tests {
         t.texels = [[255, 128, 128, 0], [0, 128, 128, 0]].into();
         t.add_mipmap(Averaging::Normals);
         let at = |width: f32| {
-            let footprint = Footprint { width: width.into(), ..Footprint::point(SingleLane::default()) };
+            let footprint = Footprint { width: width.into(), ..Footprint::point(SingleLane) };
             t.look_up([0.25, 0.5].map(Num::from), &footprint)[3].get()
         };
         assert_eq!(at(0.0), 1.0, "whatever the file's alpha says");

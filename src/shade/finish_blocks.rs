@@ -3,7 +3,10 @@
 
 use super::{Hits, Interaction};
 use crate::lanes::{Int, Lanes, Num, OutlinedTask, Vector};
-use crate::scene::{BlockColumns, BlockFinishes, BlockSurface, Material, OwnSurface, Points, Scene, Surface};
+use crate::scene::{
+    BlockColumns, BlockFinishes, BlockSurface, Material, OwnSurface, PointSink, Points, Scene, Surface,
+    WantedFields,
+};
 use std::cell::Cell;
 
 /// The source of a batch's hits for blocks.
@@ -90,11 +93,31 @@ impl<L: Lanes, S: HitSource> OutlinedTask<L> for Filling<'_, '_, S> {
         let Columns { points, finishes } = &mut **columns;
         for (i, some) in rays.chunks(L::LANES).enumerate() {
             let (ids, _) = Int::some(l, some, some[0]);
-            let (direction, hits, width) = source.hits(ids);
-            let at = Interaction::without_finish(scene, material, direction, &hits, width);
-            let at = Points { own: *own, ..at.points(scene) };
-            at.write_to(surface.wanted(), &mut points.sink(i * L::LANES, L::LANES));
+            let sink = &mut points.sink(i * L::LANES, L::LANES);
+            let wanted = surface.wanted();
+            l.outlined(Seeing { scene, material, own: *own, hits: source.hits(ids), wanted, sink });
         }
         surface.compute(L::LANES, rays.len(), points, finishes);
+    }
+}
+
+/// Computes what a surface wants to know of some hits: [`HitSource::hits`]. It is the same for all sources.
+struct Seeing<'a, 's, L: Lanes> {
+    scene: &'s Scene,
+    material: &'s Material,
+    own: Option<&'s OwnSurface>,
+    hits: (Vector<L>, Hits<L>, Num<L>),
+    wanted: WantedFields<'a>,
+    sink: &'a mut dyn PointSink,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Seeing<'_, '_, L> {
+    type Output = ();
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) {
+        let Self { scene, material, own, hits: (direction, hits, width), wanted, sink } = self;
+        let at = Interaction::without_finish(scene, material, direction, &hits, width);
+        Points { own, ..at.points(scene) }.write_to(wanted, sink);
     }
 }

@@ -164,8 +164,7 @@ pub fn emission(scene: &Scene, emission: Option<&Emission>, at: &Interaction) ->
     match emission {
         None => Vec3::ZERO,
         Some(emission) => {
-            let point =
-                TexturePoint { footprint: Footprint::point(SingleLane::default()), ..at.lane.texture };
+            let point = TexturePoint { footprint: Footprint::point(SingleLane), ..at.lane.texture };
             lookup::emission(scene, emission, &point, at.front.into()).into()
         }
     }

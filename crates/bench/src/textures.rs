@@ -251,7 +251,7 @@ const MIDDLE: [f32; 2] = [0.5; 2];
 
 /// A footprint that covers all of any texture.
 fn everything() -> Footprint<SingleLane> {
-    Footprint { width: f32::MAX.into(), ..Footprint::point(SingleLane::default()) }
+    Footprint { width: f32::MAX.into(), ..Footprint::point(SingleLane) }
 }
 
 fn mean(scene: &Scene, texture: TextureRef) -> Vec3 {

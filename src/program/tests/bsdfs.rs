@@ -28,7 +28,7 @@ const COUNTING: &str = "
 #[test]
 fn functions_get_their_arguments_and_begin_with_the_initial_values_of_variables() {
     let shader = BsdfShader::load("counting.wgsl", COUNTING, []).unwrap_or_else(|error| panic!("{error}"));
-    let (scene, l) = (Scene::default(), SingleLane::default());
+    let (scene, l) = (Scene::default(), SingleLane);
     let n = |x: f32| Num::splat(l, x);
     let numbers = |v: Vector<SingleLane>| [v.x, v.y, v.z].map(Num::get);
     let (wo, wi) = (Vector::new(n(0.25), n(0.5), n(0.75)), Vector::new(n(2.0), n(3.0), n(4.0)));
@@ -79,7 +79,7 @@ fn answers_of_both_functions_together_have_the_bits_of_each() {
         let inputs: Vec<u32> =
             kernel.inputs.iter().flat_map(|&i| words[i as usize * POINTS..][..POINTS].to_vec()).collect();
         let answers = program.evaluate(&kernel, POINTS, &inputs).expect("loops end");
-        let (scene, l) = (Scene::default(), SingleLane::default());
+        let (scene, l) = (Scene::default(), SingleLane);
         let mut different = 0;
         for point in 0..POINTS {
             let n = |scalar: usize| Num::splat(l, f32::from_bits(words[scalar * POINTS + point]));
@@ -197,7 +197,7 @@ fn native_bsdfs_are_called_and_break_no_promise() {
 #[test]
 fn native_bsdfs_are_given_any_direction() {
     let shader = native("f.roughness = 0.2;", "").unwrap_or_else(|error| panic!("{error}"));
-    let (scene, l) = (Scene::default(), SingleLane::default());
+    let (scene, l) = (Scene::default(), SingleLane);
     let at = point_at(&scene, [0.0; 3]);
     let vector = |numbers: [f32; 3]| {
         let [x, y, z] = numbers.map(|x| Num::splat(l, x));

@@ -11,7 +11,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// A point.
 pub(super) fn point_at(scene: &Scene, [x, y, z]: [f32; 3]) -> Points<'_, SingleLane> {
-    let l = SingleLane::default();
+    let l = SingleLane;
     let n = |x: f32| Num::splat(l, x);
     let up = Vector::new(n(0.0), n(0.0), n(1.0));
     Points {

@@ -275,7 +275,7 @@ where
         let scene = frame.scene();
         Exchange::engine(|exchange| {
             // Calls that hit the same material run one after the other, so that they execute similar code.
-            for run in sort(SingleLane::default(), batch.hits, scene).runs() {
+            for run in sort(SingleLane, batch.hits, scene).runs() {
                 for (turn, i) in run.rays.iter().map(|&i| i as usize).enumerate() {
                     self.prefetch(
                         |ahead| run.rays.get(turn + ahead).map(|&i| batch.payloads[i as usize]),

@@ -285,9 +285,7 @@ fn textured_emitters_count_where_they_shine() {
     }
     assert!(sides[0] > 200 && sides[1] == 0, "only the white half shines: {sides:?}");
     assert_eq!(
-        scene.textures[0]
-            .channel(Channel::R, [0.9, 0.5].map(Num::from), &Footprint::point(SingleLane::default()))
-            .get(),
+        scene.textures[0].channel(Channel::R, [0.9, 0.5].map(Num::from), &Footprint::point(SingleLane)).get(),
         0.0
     );
 }

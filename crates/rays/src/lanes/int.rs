@@ -211,14 +211,14 @@ impl Int<SingleLane> {
     /// The number of the one lane.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn get(self) -> u32 {
-        self.i[0]
+        self.i
     }
 }
 
 impl From<u32> for Int<SingleLane> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn from(x: u32) -> Self {
-        Self::splat(SingleLane::default(), x)
+        Self::splat(SingleLane, x)
     }
 }
 

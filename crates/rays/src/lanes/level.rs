@@ -202,7 +202,7 @@ trait Instances: LaneTask + Sized {
     #[cfg(not(without_scalar))]
     #[inline(never)]
     fn one(self) -> Self::Output {
-        self.run(SingleLane::default())
+        self.run(SingleLane)
     }
 
     /// Eight lanes that all processors have.

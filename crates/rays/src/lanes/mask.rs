@@ -242,7 +242,7 @@ impl Mask<SingleLane> {
 impl From<bool> for Mask<SingleLane> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn from(value: bool) -> Self {
-        Self::splat(SingleLane::default(), value)
+        Self::splat(SingleLane, value)
     }
 }
 

@@ -1,8 +1,8 @@
 //! SIMD: the small instruction set that tracing and shading are written in. The words are in `docs/glossary.md`.
 //!
 //! [`Lanes`] lists the instructions on vectors of f32 and u32. Each of these files implements it for one instruction
-//! set: `avx512` (16 lanes), `avx2` and `neon` (8), `eight` (8, in plain Rust), `plain` (any number, in plain Rust; one
-//! lane is [`SingleLane`]).
+//! set: `avx512` (16 lanes), `avx2` and `neon` (8), `eight` (8, in plain Rust), `one` (one lane, in plain Rust:
+//! [`SingleLane`]).
 //! [`Num`], [`Int`], [`Mask`] and [`Vector`] wrap them in operators, so that shading reads like scalar arithmetic.
 //! [`SimdLevel`] chooses an instruction set and runs a [`LaneTask`] with it.
 //!
@@ -39,9 +39,9 @@ mod mask;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod num;
+mod one;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod order;
-mod plain;
 mod prefetch;
 #[doc(hidden)]
 pub mod record;
@@ -70,7 +70,7 @@ pub use mask::{Mask, MaskRepr, SetLanes};
 #[cfg(target_arch = "aarch64")]
 pub(crate) use neon::Neon;
 pub use num::Num;
-pub use plain::{Plain, SingleLane};
+pub use one::SingleLane;
 #[doc(hidden)]
 pub use prefetch::Prefetch;
 pub use vector::Vector;

@@ -254,14 +254,14 @@ impl Num<SingleLane> {
     /// The number of the one lane.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn get(self) -> f32 {
-        self.f[0]
+        self.f
     }
 }
 
 impl From<f32> for Num<SingleLane> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn from(x: f32) -> Self {
-        Self::splat(SingleLane::default(), x)
+        Self::splat(SingleLane, x)
     }
 }
 

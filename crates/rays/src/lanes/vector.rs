@@ -168,7 +168,7 @@ impl<L: Lanes> Vector<L> {
 impl From<Vec3> for Vector<SingleLane> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn from(v: Vec3) -> Self {
-        Self::splat(SingleLane::default(), v)
+        Self::splat(SingleLane, v)
     }
 }
 

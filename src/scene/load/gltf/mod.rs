@@ -156,10 +156,11 @@ fn parse(
 ) -> Result<Document, LoadProblem> {
     let file = |problem| LoadProblem::File { path: path.to_owned(), problem };
     let root = match pointers.json() {
-        None => ::gltf::json::deserialize::from_slice(json).or_else(|error| bare_scenes(json).ok_or(error)),
-        Some(json) => Root::deserialize(json),
+        None => Root::from_slice(json).or_else(|error| bare_scenes(json).ok_or(error)),
+        // The places of errors are those in the file.
+        Some(changed) => root_of(changed).map_err(|error| Root::from_slice(json).err().unwrap_or(error)),
     };
-    let mut root: Root = root.map_err(|error| {
+    let mut root = root.map_err(|error| {
         // A file of another version differs in more than its version.
         let head = ::gltf::json::deserialize::from_slice::<Head>(json);
         let problem = head.ok().and_then(|head| unsupported(&head.asset.version(), None));
@@ -182,7 +183,12 @@ fn parse(
 fn bare_scenes(json: &[u8]) -> Option<Root> {
     let mut root = serde_json::from_slice(json).ok()?;
     fill_scenes(&mut root);
-    Root::deserialize(root).ok()
+    root_of(&root).ok()
+}
+
+/// The document of changed JSON. By way of its text, since reading documents from values would be compiled here anew.
+fn root_of(json: &Value) -> serde_json::Result<Root> {
+    Root::from_slice(&serde_json::to_vec(json)?)
 }
 
 /// Gives scenes without nodes an empty list of them.

@@ -7,9 +7,8 @@ use super::animation::Keys;
 use super::{Context, fill_scenes, pose};
 use crate::scene::Track;
 use ::gltf::camera::Projection;
-use ::gltf::json::{Root, Value};
+use ::gltf::json::Value;
 use ::gltf::{Animation, Camera, Document};
-use serde::Deserialize;
 use serde_json::json;
 
 /// The path of a channel's target that stands for a pointer.
@@ -254,7 +253,7 @@ impl Pointers {
                 set(&mut json, &channel.pointer, value);
             }
         }
-        let root = Root::deserialize(&json).map_err(|error| LoadProblem::File {
+        let root = super::root_of(&json).map_err(|error| LoadProblem::File {
             path: context.session.path.clone(),
             problem: format!("not valid glTF JSON: {error}"),
         })?;

@@ -6,10 +6,11 @@ use super::OpenPbr;
 use super::through::Shares;
 use super::view::{Facing, View};
 use crate::geom::warp::lanes as warp;
-use crate::lanes::{Lanes, Mask, Num, Vector};
+use crate::lanes::{Lanes, Mask, Num, OutlinedTask, Vector};
 use glam::Vec3;
 
 /// Probabilities of sampling the lobes.
+#[derive(Clone, Copy)]
 struct Probabilities<L: Lanes> {
     coat: Num<L>,
     /// Facets of the base, which reflect or pass.
@@ -18,6 +19,49 @@ struct Probabilities<L: Lanes> {
     scattered: Num<L>,
     crossing: Num<L>,
     mirrors: Num<L>,
+}
+
+/// All that evaluation and sampling know of `wo` alone.
+struct Seen<L: Lanes> {
+    view: View<L>,
+    smooth: Smooth<L>,
+    probabilities: Probabilities<L>,
+}
+
+/// Makes [`Seen`], out of line: evaluation and sampling share it.
+struct Looking<'a, L: Lanes> {
+    surface: &'a OpenPbr<L>,
+    wo: Vector<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Looking<'_, L> {
+    type Output = Seen<L>;
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Seen<L> {
+        let Self { surface, wo } = self;
+        let view = surface.view(wo);
+        let smooth = surface.smooth_of(wo, &view.near);
+        let probabilities = surface.probabilities(wo, &view, &smooth);
+        Seen { view, smooth, probabilities }
+    }
+}
+
+/// [`OpenPbr::evaluate_lobes`], out of line: evaluation and sampling share it.
+struct Evaluating<'a, L: Lanes> {
+    surface: &'a OpenPbr<L>,
+    wo: Vector<L>,
+    wi: Vector<L>,
+    seen: &'a Seen<L>,
+}
+
+impl<L: Lanes> OutlinedTask<L> for Evaluating<'_, L> {
+    type Output = (Vector<L>, Num<L>);
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn run(self, _: L) -> Self::Output {
+        self.surface.evaluate_lobes(self.wo, self.wi, self.seen)
+    }
 }
 
 impl<L: Lanes> OpenPbr<L> {
@@ -175,20 +219,14 @@ impl<L: Lanes> OpenPbr<L> {
     /// See [`super::super::Bsdf::evaluate`].
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn evaluate(&self, wo: Vector<L>, wi: Vector<L>) -> (Vector<L>, Num<L>) {
-        let view = self.view(wo);
-        let smooth = self.smooth_of(wo, &view.near);
-        let probabilities = self.probabilities(wo, &view, &smooth);
-        self.evaluate_lobes(wo, wi, &view, &probabilities)
+        let l = wo.lanes();
+        let seen = l.outlined(Looking { surface: self, wo });
+        l.outlined(Evaluating { surface: self, wo, wi, seen: &seen })
     }
 
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn evaluate_lobes(
-        &self,
-        wo: Vector<L>,
-        wi: Vector<L>,
-        view: &View<L>,
-        probabilities: &Probabilities<L>,
-    ) -> (Vector<L>, Num<L>) {
+    fn evaluate_lobes(&self, wo: Vector<L>, wi: Vector<L>, seen: &Seen<L>) -> (Vector<L>, Num<L>) {
+        let Seen { view, probabilities, .. } = seen;
         let above = wi.z.above(0.0);
         let raised = Vector::new(wi.x, wi.y, wi.z.abs());
         let far = self.facing(&view.base, &view.coat, raised);
@@ -246,10 +284,8 @@ impl<L: Lanes> OpenPbr<L> {
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn sample(&self, wo: Vector<L>, u: Num<L>, u2: [Num<L>; 2]) -> Sample<L> {
         let l = wo.lanes();
-        let view = self.view(wo);
-        let smooth = self.smooth_of(wo, &view.near);
-        let probabilities = self.probabilities(wo, &view, &smooth);
-        let Probabilities { coat, facets, scattered, crossing, mirrors } = probabilities;
+        let seen = l.outlined(Looking { surface: self, wo });
+        let Probabilities { coat, facets, scattered, crossing, mirrors } = seen.probabilities;
         let none = Mask::splat(l, false);
         let mut wi = warp::cosine_hemisphere(u2);
         let (mut start, mut crosses) = (coat, none);
@@ -274,7 +310,7 @@ impl<L: Lanes> OpenPbr<L> {
             wi = Vector::select(of_facets, way, wi);
         }
         start += facets + scattered;
-        if self.crosses_diffusely(&view) {
+        if self.crosses_diffusely(&seen.view) {
             let far = !u.lt(start) & u.lt(start + crossing);
             wi.z = Num::select(far, -wi.z, wi.z);
             crosses |= far;
@@ -282,7 +318,7 @@ impl<L: Lanes> OpenPbr<L> {
         let rough = start + crossing;
         let valid = Mask::select(crosses, wi.z.below(0.0), wi.z.above(0.0));
         let scatters = u.lt(rough);
-        let (value, pdf) = self.evaluate_lobes(wo, wi, &view, &probabilities);
+        let (value, pdf) = l.outlined(Evaluating { surface: self, wo, wi, seen: &seen });
         let one = Num::splat(l, 1.0);
         let eta = match (&self.through, &self.subsurface) {
             (Some(through), _) if !through.thin => Num::select(crosses, through.eta, one),
@@ -293,7 +329,7 @@ impl<L: Lanes> OpenPbr<L> {
         let mut sample = Sample { valid, wi, weight: value / pdf, pdf, specular: none, crosses, eta };
         if !scatters.all() {
             let rest = ((u - rough) / mirrors).clamp(0.0, 1.0);
-            sample = Sample::select(scatters, sample, smooth.sample(rest, mirrors));
+            sample = Sample::select(scatters, sample, seen.smooth.sample(rest, mirrors));
         }
         sample
     }

@@ -11,7 +11,7 @@ fn openpbr(outside: bool, edit: impl FnOnce(&mut OpenPbr)) -> Bsdf<'static> {
     let texture = &TexturePoint::without_width([0.0.into(); 2], 0.into(), [0.0.into(); 2]);
     let (scene, outside, smoothness) = (&Scene::default(), outside.into(), Smoothness::EXACT);
     let construct = Construct { scene, surface: &surface, texture, outside, smoothness };
-    Bsdf(super::super::Bsdf::OpenPbr(construct.run(SingleLane::default())))
+    Bsdf(super::super::Bsdf::OpenPbr(construct.run(SingleLane)))
 }
 
 /// Surfaces with all of OpenPBR's layers, of one roughness.

@@ -460,7 +460,7 @@ fn bits_of(mut mask: LaneBits) -> impl Iterator<Item = usize> {
 /// The corners of a triangle in the world.
 #[inline(always)]
 fn world_corners<S: Space>(space: S, block: &LeafBlock<'_>, row: usize) -> [Vec3; 3] {
-    let l = SingleLane::default();
+    let l = SingleLane;
     each(block.corners(row), |corner| {
         let moved = space.to_world(l, splat(l, corner.to_array()));
         Vec3::from_array(each(moved, |coordinate| l.lowest(coordinate)))

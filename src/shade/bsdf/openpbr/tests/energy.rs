@@ -174,7 +174,7 @@ fn white_surfaces_lose_little() {
 
 #[test]
 fn light_may_go_either_way() {
-    let l = SingleLane::default();
+    let l = SingleLane;
     let mut crossed = 0;
     for i in 0..400 {
         // Light that diffuses into a body comes out elsewhere.
@@ -248,7 +248,7 @@ fn every_width_has_the_same_bits() {
             }
             numbers
         });
-        let one = Bits(&all).run(SingleLane::default());
+        let one = Bits(&all).run(SingleLane);
         let wide = SimdLevel::detect().run(Bits(&all));
         let differs = (0..one.len()).find(|&k| one[k] != wide[k]);
         // 4 directions of 11 numbers for each lane.

@@ -108,7 +108,7 @@ fn slice(row: &HashMap<String, f32>) -> Option<(&'static str, Vec<(f32, f32)>)> 
         "coat_absorption" => {
             let mut numbers = Numbers { coat: 1.0, coat_ior: of("coat_ior"), ..Numbers::default() };
             numbers.coat_color = Vec3::splat(of("coat_color"));
-            let (coat, _) = numbers.bsdf(SingleLane::default()).coat.expect("a coat");
+            let (coat, _) = numbers.bsdf(SingleLane).coat.expect("a coat");
             let one_way = coat.one_way(num(view)).x.get();
             vec![(1.0 + (one_way - 1.0) * of("coat_weight"), of("value_1"))]
         }
