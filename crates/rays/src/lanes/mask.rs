@@ -56,69 +56,24 @@ impl Sealed for LaneBits {}
 
 /// Bits beyond the lanes are always 0.
 impl<L: Lanes<M = Self>> MaskRepr<L> for LaneBits {
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn splat(_: L, value: bool) -> Self {
-        if value { L::ALL } else { 0 }
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn from_bits(_: L, bits: LaneBits) -> Self {
-        bits & L::ALL
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn bits(self, _: L) -> LaneBits {
-        self
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn any(self, _: L) -> bool {
-        self != 0
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn all(self, _: L) -> bool {
-        self == L::ALL
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn and(self, _: L, other: Self) -> Self {
-        self & other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn or(self, _: L, other: Self) -> Self {
-        self | other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn xor(self, _: L, other: Self) -> Self {
-        self ^ other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn not(self, _: L) -> Self {
-        self ^ L::ALL
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt(l: L, a: L::F, b: L::F) -> Self {
-        l.lt(L::ALL, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn le(l: L, a: L::F, b: L::F) -> Self {
-        l.le(L::ALL, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq(l: L, a: L::F, b: L::F) -> Self {
-        l.eq(L::ALL, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt_u32(l: L, a: L::I, b: L::I) -> Self {
-        l.lt_u32(L::ALL, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq_u32(l: L, a: L::I, b: L::I) -> Self {
-        l.eq_u32(L::ALL, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select(self, l: L, a: L::F, b: L::F) -> L::F {
-        l.select(self, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select_u32(self, l: L, a: L::I, b: L::I) -> L::I {
-        l.select_u32(self, a, b)
+    ops! {
+        #[cfg_attr(not(unoptimised), inline(always))]
+        fn splat(_: L, value: bool) -> Self = if value { L::ALL } else { 0 };
+        fn from_bits(_: L, bits: LaneBits) -> Self = bits & L::ALL;
+        fn bits(self, _: L) -> LaneBits = self;
+        fn any(self, _: L) -> bool = self != 0;
+        fn all(self, _: L) -> bool = self == L::ALL;
+        fn and(self, _: L, other: Self) -> Self = self & other;
+        fn or(self, _: L, other: Self) -> Self = self | other;
+        fn xor(self, _: L, other: Self) -> Self = self ^ other;
+        fn not(self, _: L) -> Self = self ^ L::ALL;
+        fn lt(l: L, a: L::F, b: L::F) -> Self = l.lt(L::ALL, a, b);
+        fn le(l: L, a: L::F, b: L::F) -> Self = l.le(L::ALL, a, b);
+        fn eq(l: L, a: L::F, b: L::F) -> Self = l.eq(L::ALL, a, b);
+        fn lt_u32(l: L, a: L::I, b: L::I) -> Self = l.lt_u32(L::ALL, a, b);
+        fn eq_u32(l: L, a: L::I, b: L::I) -> Self = l.eq_u32(L::ALL, a, b);
+        fn select(self, l: L, a: L::F, b: L::F) -> L::F = l.select(self, a, b);
+        fn select_u32(self, l: L, a: L::I, b: L::I) -> L::I = l.select_u32(self, a, b);
     }
 }
 

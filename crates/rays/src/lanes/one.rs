@@ -2,7 +2,8 @@
 //! through.
 //!
 //! Unsafe code, because of pointers and of functions that enable instructions. Invariants:
-//! 1. Every pointer access is within what the caller of the method vouches for, as the trait states it.
+//! 1. One lane needs no instructions that some processor lacks.
+//! 2. Every pointer access is within what the caller of the method vouches for, as the trait states it.
 #![allow(unsafe_code, reason = "the invariants above")]
 
 use super::{LaneBits, Lanes, MaskRepr, OutOfLine, OutlinedTask, nearest, sealed::Sealed};
@@ -50,302 +51,99 @@ impl Lanes for SingleLane {
     fn array<T: Copy>(value: T) -> [T; 1] {
         [value]
     }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn splat(self, x: f32) -> f32 {
-        x
+
+    ops! {
+        #[cfg_attr(not(unoptimised), inline(always))]
+        fn splat(self, x: f32) -> f32 = x;
+        fn add(self, a: f32, b: f32) -> f32 = a + b;
+        fn sub(self, a: f32, b: f32) -> f32 = a - b;
+        fn mul(self, a: f32, b: f32) -> f32 = a * b;
+        fn div(self, a: f32, b: f32) -> f32 = a / b;
+        fn fma(self, a: f32, b: f32, c: f32) -> f32 = a.mul_add(b, c);
+        fn fms(self, a: f32, b: f32, c: f32) -> f32 = a.mul_add(b, -c);
+        fn min(self, a: f32, b: f32) -> f32 = choose(a < b, a, b);
+        fn max(self, a: f32, b: f32) -> f32 = choose(a > b, a, b);
+        fn sqrt(self, a: f32) -> f32 = a.sqrt();
+        fn floor(self, a: f32) -> f32 = a.floor();
+        fn abs(self, a: f32) -> f32 = a.abs();
+        fn max_bits(self, a: f32, b: f32) -> f32 = choose(signed(a) > signed(b), a, b);
+        fn min_bits(self, a: f32, b: f32) -> f32 = choose(signed(a) < signed(b), a, b);
+        fn neg(self, a: f32) -> f32 = -a;
+        fn with_sign_of(self, a: f32, b: f32) -> f32 = a.copysign(b);
+        fn lowest(self, a: f32) -> f32 = f32::INFINITY.min(a);
+        fn highest(self, a: f32) -> f32 = f32::NEG_INFINITY.max(a);
+        fn to_fixed(self, a: f32, scale: f64) -> [i64; 1] = [nearest(f64::from(a) * scale)];
+        fn le(self, among: LaneBits, a: f32, b: f32) -> LaneBits = among & LaneBits::from(a <= b);
+        fn eq(self, among: LaneBits, a: f32, b: f32) -> LaneBits = among & LaneBits::from(a == b);
+        fn lt(self, among: LaneBits, a: f32, b: f32) -> LaneBits = among & LaneBits::from(a < b);
+        fn le_bits(self, among: LaneBits, a: f32, b: f32) -> LaneBits = among & LaneBits::from(signed(a) <= signed(b));
+        fn lt_u32(self, among: LaneBits, a: u32, b: u32) -> LaneBits = among & LaneBits::from(a < b);
+        fn eq_u32(self, among: LaneBits, a: u32, b: u32) -> LaneBits = among & LaneBits::from(a == b);
+        fn signs(self, a: f32) -> LaneBits = a.to_bits() >> 31;
+        fn select(self, mask: LaneBits, a: f32, b: f32) -> f32 = choose(mask & 1 == 1, a, b);
+        fn select_u32(self, mask: LaneBits, a: u32, b: u32) -> u32 = choose_word(mask & 1 == 1, a, b);
+        fn pack(self, _: LaneBits, a: f32) -> f32 = a;
+        fn add_u32(self, a: u32, b: u32) -> u32 = a.wrapping_add(b);
+        fn mul_u32(self, a: u32, b: u32) -> u32 = a.wrapping_mul(b);
+        fn and_u32(self, a: u32, b: u32) -> u32 = a & b;
+        fn or_u32(self, a: u32, b: u32) -> u32 = a | b;
+        fn xor_u32(self, a: u32, b: u32) -> u32 = a ^ b;
+        fn shl_u32(self, a: u32, count: u32) -> u32 = a << count;
+        fn shr_u32(self, a: u32, count: u32) -> u32 = a >> count;
+        fn splat_u32(self, x: u32) -> u32 = x;
+        fn reverse_u32(self, a: u32) -> u32 = a.reverse_bits();
+        fn permute_u32(self, a: u32, _: u32) -> u32 = a;
+        fn f32_to_u32(self, a: f32) -> u32 = a as u32;
+        fn u32_to_f32(self, a: u32) -> f32 = a as f32;
+        fn bits(self, a: f32) -> u32 = a.to_bits();
+        fn from_bits(self, a: u32) -> f32 = f32::from_bits(a);
     }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn add(self, a: f32, b: f32) -> f32 {
-        a + b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn sub(self, a: f32, b: f32) -> f32 {
-        a - b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn mul(self, a: f32, b: f32) -> f32 {
-        a * b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn div(self, a: f32, b: f32) -> f32 {
-        a / b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn fma(self, a: f32, b: f32, c: f32) -> f32 {
-        a.mul_add(b, c)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn fms(self, a: f32, b: f32, c: f32) -> f32 {
-        a.mul_add(b, -c)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn min(self, a: f32, b: f32) -> f32 {
-        choose(a < b, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn max(self, a: f32, b: f32) -> f32 {
-        choose(a > b, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn sqrt(self, a: f32) -> f32 {
-        a.sqrt()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn floor(self, a: f32) -> f32 {
-        a.floor()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn abs(self, a: f32) -> f32 {
-        a.abs()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn max_bits(self, a: f32, b: f32) -> f32 {
-        choose(signed(a) > signed(b), a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn min_bits(self, a: f32, b: f32) -> f32 {
-        choose(signed(a) < signed(b), a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn neg(self, a: f32) -> f32 {
-        -a
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn with_sign_of(self, a: f32, b: f32) -> f32 {
-        a.copysign(b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lowest(self, a: f32) -> f32 {
-        f32::INFINITY.min(a)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn highest(self, a: f32) -> f32 {
-        f32::NEG_INFINITY.max(a)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn to_fixed(self, a: f32, scale: f64) -> [i64; 1] {
-        [nearest(f64::from(a) * scale)]
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn le(self, among: LaneBits, a: f32, b: f32) -> LaneBits {
-        among & LaneBits::from(a <= b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq(self, among: LaneBits, a: f32, b: f32) -> LaneBits {
-        among & LaneBits::from(a == b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt(self, among: LaneBits, a: f32, b: f32) -> LaneBits {
-        among & LaneBits::from(a < b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn le_bits(self, among: LaneBits, a: f32, b: f32) -> LaneBits {
-        among & LaneBits::from(signed(a) <= signed(b))
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt_u32(self, among: LaneBits, a: u32, b: u32) -> LaneBits {
-        among & LaneBits::from(a < b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq_u32(self, among: LaneBits, a: u32, b: u32) -> LaneBits {
-        among & LaneBits::from(a == b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn signs(self, a: f32) -> LaneBits {
-        a.to_bits() >> 31
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select(self, mask: LaneBits, a: f32, b: f32) -> f32 {
-        choose(mask & 1 == 1, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select_u32(self, mask: LaneBits, a: u32, b: u32) -> u32 {
-        choose_word(mask & 1 == 1, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn pack(self, _: LaneBits, a: f32) -> f32 {
-        a
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn add_u32(self, a: u32, b: u32) -> u32 {
-        a.wrapping_add(b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn mul_u32(self, a: u32, b: u32) -> u32 {
-        a.wrapping_mul(b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn and_u32(self, a: u32, b: u32) -> u32 {
-        a & b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn or_u32(self, a: u32, b: u32) -> u32 {
-        a | b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn xor_u32(self, a: u32, b: u32) -> u32 {
-        a ^ b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn shl_u32(self, a: u32, count: u32) -> u32 {
-        a << count
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn shr_u32(self, a: u32, count: u32) -> u32 {
-        a >> count
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn splat_u32(self, x: u32) -> u32 {
-        x
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn reverse_u32(self, a: u32) -> u32 {
-        a.reverse_bits()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn permute_u32(self, a: u32, _: u32) -> u32 {
-        a
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn f32_to_u32(self, a: f32) -> u32 {
-        a as u32
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn u32_to_f32(self, a: u32) -> f32 {
-        a as f32
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn bits(self, a: f32) -> u32 {
-        a.to_bits()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn from_bits(self, a: u32) -> f32 {
-        f32::from_bits(a)
-    }
+
     // The token says nothing about the processor, so its instructions are detected. Without SSE4.1 rounding is a call
     // of a function, and without FMA so is each fused multiply-add.
     #[cfg_attr(not(unoptimised), inline(always))]
     fn outlined<P: OutlinedTask<Self>>(self, task: P) -> P::Output {
-        // SAFETY: the caller's contract asks for no instructions.
+        // SAFETY: invariant 1.
         unsafe { task.out_of_line(self) }
     }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn load(self, from: *const f32) -> f32 {
-        // SAFETY: invariant 1.
-        unsafe { from.read_unaligned() }
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn store(self, to: *mut f32, a: f32) {
-        // SAFETY: invariant 1.
-        unsafe { to.write_unaligned(a) };
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn load_u32(self, from: *const u32) -> u32 {
-        // SAFETY: invariant 1.
-        unsafe { from.read_unaligned() }
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn store_u32(self, to: *mut u32, a: u32) {
-        // SAFETY: invariant 1.
-        unsafe { to.write_unaligned(a) };
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn gather(self, from: *const u32, index: u32) -> u32 {
-        // SAFETY: invariant 1.
-        unsafe { from.add(index as usize).read_unaligned() }
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn append(self, to: *mut u32, _: LaneBits, a: u32) {
-        // SAFETY: invariant 1.
-        unsafe { to.write_unaligned(a) };
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [f32; 8] {
-        // SAFETY: invariant 1.
-        unsafe { base.byte_add(*offsets as usize).cast::<[f32; 8]>().read_unaligned() }
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn put_rows(self, to: *mut f32, columns: [f32; 8]) {
-        // SAFETY: invariant 1.
-        unsafe { to.cast::<[f32; 8]>().write_unaligned(columns) };
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn put_quads(self, to: *mut f32, columns: [f32; 4]) {
-        // SAFETY: invariant 1.
-        unsafe { to.cast::<[f32; 4]>().write_unaligned(columns) };
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    unsafe fn pick(self, from: [*const f32; 2], index: u32) -> f32 {
-        // SAFETY: invariant 1.
-        unsafe { from[0].add(index as usize % 16).read_unaligned() }
+
+    ops! {
+        #[cfg_attr(not(unoptimised), inline(always))]
+        unsafe fn load(self, from: *const f32) -> f32 = from.read_unaligned();
+        unsafe fn store(self, to: *mut f32, a: f32) = to.write_unaligned(a);
+        unsafe fn load_u32(self, from: *const u32) -> u32 = from.read_unaligned();
+        unsafe fn store_u32(self, to: *mut u32, a: u32) = to.write_unaligned(a);
+        unsafe fn gather(self, from: *const u32, index: u32) -> u32 = from.add(index as usize).read_unaligned();
+        unsafe fn append(self, to: *mut u32, _: LaneBits, a: u32) = to.write_unaligned(a);
+        unsafe fn rows(self, base: *const f32, offsets: *const u32) -> [f32; 8] =
+            base.byte_add(*offsets as usize).cast::<[f32; 8]>().read_unaligned();
+        unsafe fn put_rows(self, to: *mut f32, columns: [f32; 8]) = to.cast::<[f32; 8]>().write_unaligned(columns);
+        unsafe fn put_quads(self, to: *mut f32, columns: [f32; 4]) = to.cast::<[f32; 4]>().write_unaligned(columns);
+        unsafe fn pick(self, from: [*const f32; 2], index: u32) -> f32 =
+            from[0].add(index as usize % 16).read_unaligned();
     }
 }
 
 impl Sealed for bool {}
 
 impl MaskRepr<SingleLane> for bool {
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn splat(_: SingleLane, value: bool) -> bool {
-        value
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn from_bits(_: SingleLane, bits: LaneBits) -> bool {
-        bits & 1 == 1
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn bits(self, _: SingleLane) -> LaneBits {
-        self.into()
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn any(self, _: SingleLane) -> bool {
-        self
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn all(self, _: SingleLane) -> bool {
-        self
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn and(self, _: SingleLane, other: bool) -> bool {
-        self & other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn or(self, _: SingleLane, other: bool) -> bool {
-        self | other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn xor(self, _: SingleLane, other: bool) -> bool {
-        self ^ other
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn not(self, _: SingleLane) -> bool {
-        !self
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt(_: SingleLane, a: f32, b: f32) -> bool {
-        a < b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn le(_: SingleLane, a: f32, b: f32) -> bool {
-        a <= b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq(_: SingleLane, a: f32, b: f32) -> bool {
-        a == b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn lt_u32(_: SingleLane, a: u32, b: u32) -> bool {
-        a < b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn eq_u32(_: SingleLane, a: u32, b: u32) -> bool {
-        a == b
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select(self, _: SingleLane, a: f32, b: f32) -> f32 {
-        choose(self, a, b)
-    }
-    #[cfg_attr(not(unoptimised), inline(always))]
-    fn select_u32(self, _: SingleLane, a: u32, b: u32) -> u32 {
-        choose_word(self, a, b)
+    ops! {
+        #[cfg_attr(not(unoptimised), inline(always))]
+        fn splat(_: SingleLane, value: bool) -> bool = value;
+        fn from_bits(_: SingleLane, bits: LaneBits) -> bool = bits & 1 == 1;
+        fn bits(self, _: SingleLane) -> LaneBits = self.into();
+        fn any(self, _: SingleLane) -> bool = self;
+        fn all(self, _: SingleLane) -> bool = self;
+        fn and(self, _: SingleLane, other: bool) -> bool = self & other;
+        fn or(self, _: SingleLane, other: bool) -> bool = self | other;
+        fn xor(self, _: SingleLane, other: bool) -> bool = self ^ other;
+        fn not(self, _: SingleLane) -> bool = !self;
+        fn lt(_: SingleLane, a: f32, b: f32) -> bool = a < b;
+        fn le(_: SingleLane, a: f32, b: f32) -> bool = a <= b;
+        fn eq(_: SingleLane, a: f32, b: f32) -> bool = a == b;
+        fn lt_u32(_: SingleLane, a: u32, b: u32) -> bool = a < b;
+        fn eq_u32(_: SingleLane, a: u32, b: u32) -> bool = a == b;
+        fn select(self, _: SingleLane, a: f32, b: f32) -> f32 = choose(self, a, b);
+        fn select_u32(self, _: SingleLane, a: u32, b: u32) -> u32 = choose_word(self, a, b);
     }
 }

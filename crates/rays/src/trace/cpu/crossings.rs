@@ -22,6 +22,7 @@ use crate::bvh::{Child, LeafBlock, PRIMITIVE, WIDTH};
 use crate::lanes::{
     LaneBits, Lanes, MAX_LANES, SingleLane, both, each, first_lanes, keep, splat, splat_eights,
 };
+use crate::stream::Ray;
 use glam::Vec3;
 use std::cell::RefCell;
 use std::ptr;
@@ -103,8 +104,8 @@ pub trait TriangleSink {
         None
     }
 
-    /// Memory for columns, always or never. Where there is some, candidates are written there for
-    /// [`TriangleSink::take_columns`], and not taken in any other way.
+    /// Memory for columns, always or never. Where there is some, tracers in lanes write candidates there for
+    /// [`TriangleSink::take_columns`], and hand them over in no other way.
     fn columns(&mut self) -> Option<&mut CandidateColumns> {
         None
     }
@@ -519,6 +520,13 @@ fn candidates<L: Lanes>(
     let is_behind = l.lt(positive, volume, l.neg(bound_of_volume)) | l.lt(negative, bound_of_volume, volume);
     some &= !(is_before | is_behind);
     (some, is_before)
+}
+
+/// True unless a ray's line certainly misses a triangle.
+pub(super) fn is_candidate(ray: &Ray, corners: &[Vec3; 3]) -> bool {
+    let l = SingleLane;
+    let lines = Lines { origin: ray.origin, direction: ray.direction };
+    candidates(l, 1, 0, &lines, &corners.map(|corner| corner.to_array())).0 != 0
 }
 
 /// The largest component of three vectors.

@@ -14,9 +14,10 @@
 //!    are those of consecutive rays. Arrays that are read or written in lanes have as many elements.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::accept::Accept;
 use super::instance_space::World;
 use super::setup::{self, FIRST_IDS, RowColumns};
-use super::single::{Accept, Leaves, Query, Search, TriangleLeaves};
+use super::single::{Leaves, Query, Search, TriangleLeaves};
 use super::slabs::{Faces, Slabs};
 use super::tree_view::TreeView;
 use super::triangle::Lines;

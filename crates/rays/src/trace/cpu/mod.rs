@@ -40,6 +40,7 @@
 //! Whatever the path, a hit is decided by the canonical test in lanes (`slabs`, `triangle`), after RTRT section 3. What
 //! was tried and measured stands in `docs/lab/tracing.md`.
 
+mod accept;
 mod child_lists;
 mod crossings;
 mod few_rays;
@@ -58,6 +59,7 @@ mod ray_node_pairs;
 #[doc(hidden)]
 #[expect(missing_debug_implementations, reason = "lanes of kernels")]
 pub mod ray_triangle_pairs;
+mod scalar;
 mod setup;
 mod shaft;
 mod single;

@@ -11,8 +11,10 @@
 //! 4. Arrays that are written in lanes have as many elements, as `clamped_distances` asserts.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::accept::{Accept, Filtered};
 use super::few_rays;
 use super::instance_space::{InstanceSpace, Space, World};
+use super::scalar;
 use super::slabs::{Faces, Slabs};
 use super::triangle::{Limits, Lines, test};
 use crate::bvh::{Bvh, Child, Filter, LeafBlocks, MASKED, PRIMITIVE, WIDTH, WideTree};
@@ -57,22 +59,6 @@ pub struct SingleRayTracer {
     simd: SimdLevel,
     /// Entries that the stack needs (invariant 3).
     stack_len: usize,
-}
-
-/// Decides which of the hits that are nearer than the best so far count.
-pub(super) trait Accept {
-    /// True if a hit of the ray with an index counts; `masked` says whether the triangle is.
-    fn accepts(&mut self, ray: usize, hit: &Hit, masked: bool) -> bool;
-}
-
-/// The filter decides hits on masked triangles; all others count.
-pub(super) struct Filtered<'a>(pub Option<&'a dyn Filter>);
-
-impl Accept for Filtered<'_> {
-    #[inline(always)]
-    fn accepts(&mut self, _: usize, hit: &Hit, masked: bool) -> bool {
-        !masked || self.0.is_none_or(|filter| filter.accepts(hit.primitive, hit.u, hit.v))
-    }
 }
 
 /// A function decides hits that the filter accepts.
@@ -177,8 +163,11 @@ impl SingleRayTracer {
             SimdLevel::Neon => unsafe {
                 trace::<_, A, ANY, IN_TURNS>(Neon, bvh, rays, memory, accept, answer)
             },
-            // SAFETY: invariant 3.
-            _ => unsafe { trace::<_, A, ANY, IN_TURNS>(Eight, bvh, rays, memory, accept, answer) },
+            // SAFETY: invariant 3. Miri has no vector instructions, and checks what others run by plain lanes.
+            _ if cfg!(miri) => unsafe {
+                trace::<_, A, ANY, IN_TURNS>(Eight, bvh, rays, memory, accept, answer)
+            },
+            _ => scalar::trace::<A, ANY>(bvh, rays, accept, answer),
         }
         SCRATCH.set(Some(scratch));
     }

@@ -4,8 +4,10 @@
 //! whose instructions the processor has.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::accept::Filtered;
 use super::crossings::TriangleSink;
 use super::oracle::Oracle;
+use super::scalar;
 use super::substream::{Answers, Widths};
 use super::traversal::{Scratch, trace, trace_candidates};
 use crate::bvh::{Bvh, Filter};
@@ -71,10 +73,10 @@ impl CpuTracer {
             SimdLevel::Avx2 => unsafe { x86::avx2_candidates(bvh, rays, sink, memory) },
             #[cfg(target_arch = "aarch64")]
             SimdLevel::Neon => trace_candidates(Widths { wide: Neon, eight: Neon }, bvh, rays, sink, memory),
-            _ => {
-                let widths = Widths { wide: Eight, eight: Eight };
-                trace_candidates(widths, bvh, rays, sink, memory);
+            _ if cfg!(miri) => {
+                trace_candidates(Widths { wide: Eight, eight: Eight }, bvh, rays, sink, memory)
             }
+            _ => scalar::visit_candidates(bvh, rays, sink),
         }
         SCRATCH.set(Some(scratch));
     }
@@ -87,7 +89,7 @@ impl CpuTracer {
         }
     }
 
-    fn dispatch_to<const ANY: bool, const INSTANCED: bool>(&self, rays: &[Ray], answers: Answers<'_>) {
+    fn dispatch_to<const ANY: bool, const INSTANCED: bool>(&self, rays: &[Ray], mut answers: Answers<'_>) {
         let (bvh, filter) = (self.oracle.bvh(), self.oracle.filter());
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let memory = &mut *scratch;
@@ -103,10 +105,12 @@ impl CpuTracer {
                 let widths = Widths { wide: Neon, eight: Neon };
                 trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
             }
-            _ => {
+            // Miri has no vector instructions, and checks what others run by plain lanes.
+            _ if cfg!(miri) => {
                 let widths = Widths { wide: Eight, eight: Eight };
                 trace::<_, _, ANY, INSTANCED>(widths, bvh, filter, rays, answers, memory);
             }
+            _ => scalar::trace::<_, ANY>(bvh, rays, Filtered(filter), |ray, hit| answers.set(ray, hit)),
         }
         SCRATCH.set(Some(scratch));
     }

@@ -4,12 +4,12 @@
 //! Unsafe code for visits. This file establishes invariants 1 to 8 of `substream`, `child_lists` and `packet`.
 #![allow(unsafe_code, reason = "the invariants above")]
 
+use super::accept::Filtered;
 use super::crossings::{CandidateVisitor, CandidateVisits, Found, TriangleSink};
 use super::instance_space::World;
 use super::packet::{self, Packet, PacketSet, PacketVisitor};
 use super::ray_lists::RayVisitor;
 use super::shaft::Shafts;
-use super::single::Filtered;
 use super::split_substreams::{MAX_RAYS, first_len};
 use super::substream::{
     AnswerPointer, Answers, OctantStack, Row, SubStream, Visitor, Widths, entry_capacity,
