@@ -7,11 +7,12 @@ use crate::film::Film;
 use crate::geom::{Sampler, warp::lanes as warp};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::scene::{Camera, Material, Scene};
-use crate::schedule::{Batch, Output};
+use crate::schedule::{AnyRenderer, Batch, Output};
 use crate::shade::{Interaction, LitScene, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use std::sync::Arc;
 
 /// Maximum value of the setting; ambient occlusion has no bounces.
 const MAX_BOUNCES: u32 = 1 << 10;
@@ -141,6 +142,11 @@ impl HitShader for OcclusionShader {
     type ShadowPayload = u32;
     type Memory = ();
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
+
+    // Compiled once, here.
+    fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
+        AnyRenderer::new(shading)
+    }
 
     fn splats(&self, _: u32) -> u64 {
         1

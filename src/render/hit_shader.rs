@@ -4,7 +4,7 @@ use super::{CameraSample, Frame, Integrator, Settings, SettingsError};
 use crate::film::Film;
 use crate::lanes::SimdLevel;
 use crate::scene::Camera;
-use crate::schedule::{Batch, Output, Renderer, SceneId, SeeThrough};
+use crate::schedule::{AnyRenderer, Batch, Output, Renderer, SceneId, SeeThrough};
 use crate::shade::{LitScene, LoopStack};
 use crate::stream::Ray;
 use bytemuck::Pod;
@@ -122,6 +122,11 @@ pub trait HitShader: Send + Sync + Sized + 'static {
         self.camera_sample(payload)
     }
 
+    /// [`Renderer::erased`].
+    fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
+        AnyRenderer::new(shading)
+    }
+
     /// True if the shader itself adds what its camera rays hit to the frame's layers. Only shaders of this crate can:
     /// they compute the interactions anyway.
     #[doc(hidden)]
@@ -223,6 +228,10 @@ impl<S: HitShader> Integrator for HitShading<S> {
 impl<S: HitShader> Renderer for HitShading<S> {
     type Payload = S::Payload;
     type ShadowPayload = S::ShadowPayload;
+
+    fn erased(self: Arc<Self>) -> AnyRenderer {
+        S::erased(self)
+    }
 
     fn tiles(&self) -> u64 {
         self.frame.tiles()

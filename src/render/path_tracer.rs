@@ -9,12 +9,13 @@ use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of,
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::{BlockFinishes, Camera, Medium};
-use crate::schedule::{Batch, Output};
+use crate::schedule::{AnyRenderer, Batch, Output};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::light::Receiver;
 use crate::shade::{Bsdf, Hits, Interaction, LightSample, LitScene, lookup, medium, prefetch_hits, sort};
 use crate::stream::Ray;
+use std::sync::Arc;
 
 /// Bounces after which Russian roulette may end a path, unless the caller chooses another number.
 pub const ROULETTE_BOUNCES: u32 = 2;
@@ -495,6 +496,11 @@ impl HitShader for PathShader {
     type ShadowPayload = Contribution;
     type Memory = ();
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
+
+    // Compiled once, here.
+    fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
+        AnyRenderer::new(shading)
+    }
 
     fn splats(&self, max_bounces: u32) -> u64 {
         // At each depth one splat of emission and one of a light sample. Scatterings in media splat nothing.

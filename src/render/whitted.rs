@@ -7,12 +7,13 @@ use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of,
 use crate::geom::Sampler;
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SingleLane, Vector};
 use crate::scene::{BlockFinishes, Camera};
-use crate::schedule::{Batch, Output};
+use crate::schedule::{AnyRenderer, Batch, Output};
 use crate::shade::finish_blocks::{FinishBlocks, HitSource};
 use crate::shade::loop_stack::{EMPTY, LoopStack, Session};
 use crate::shade::{ArenaUse, Cone, Hits, LitScene, sort};
 use crate::stream::Ray;
 use bytemuck::{Pod, Zeroable};
+use std::sync::Arc;
 
 /// Bits of [`WhittedState::depth_and_cone`] that count rays.
 const DEPTH_BITS: u32 = 16;
@@ -273,6 +274,11 @@ impl HitShader for WhittedShader {
     type ShadowPayload = Contribution;
     type Memory = LoopStack<Pending>;
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
+
+    // Compiled once, here.
+    fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
+        AnyRenderer::new(shading)
+    }
 
     fn splats(&self, max_bounces: u32) -> u64 {
         splats(max_bounces)

@@ -21,7 +21,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// A renderer of some type, with its payloads.
-type AnyRenderer<'a, P, S> = dyn Renderer<Payload = P, ShadowPayload = S> + 'a;
+type DynRenderer<'a, P, S> = dyn Renderer<Payload = P, ShadowPayload = S> + 'a;
 
 /// Counts borrowed renderers that jobs have.
 #[derive(Default)]
@@ -77,19 +77,19 @@ impl<'env> Loans<'_, 'env> {
 
 impl<'scope> Loans<'scope, '_> {
     /// A renderer that jobs may have, and drop on any thread.
-    pub fn borrow<P: Pod, S: Pod>(&self, renderer: &'scope AnyRenderer<'scope, P, S>) -> Borrowed<P, S> {
+    pub fn borrow<P: Pod, S: Pod>(&self, renderer: &'scope DynRenderer<'scope, P, S>) -> Borrowed<P, S> {
         *self.count.lock() += 1;
-        let renderer: *const AnyRenderer<'scope, P, S> = renderer;
+        let renderer: *const DynRenderer<'scope, P, S> = renderer;
         // SAFETY: the two types differ in a lifetime alone. Invariant 2: what is pointed to lives until the count is 0,
         // and invariant 1: until then it is not read.
-        let renderer: *const AnyRenderer<'static, P, S> = unsafe { transmute(renderer) };
+        let renderer: *const DynRenderer<'static, P, S> = unsafe { transmute(renderer) };
         Borrowed { renderer, count: Arc::clone(&self.count) }
     }
 }
 
 /// A renderer borrowed from [`Loans`].
 pub(super) struct Borrowed<P: Pod, S: Pod> {
-    renderer: *const AnyRenderer<'static, P, S>,
+    renderer: *const DynRenderer<'static, P, S>,
     count: Arc<Count>,
 }
 
@@ -99,7 +99,7 @@ unsafe impl<P: Pod, S: Pod> Send for Borrowed<P, S> {}
 unsafe impl<P: Pod, S: Pod> Sync for Borrowed<P, S> {}
 
 impl<P: Pod, S: Pod> Borrowed<P, S> {
-    fn renderer(&self) -> &AnyRenderer<'_, P, S> {
+    fn renderer(&self) -> &DynRenderer<'_, P, S> {
         // SAFETY: invariants 1 and 2: `self` is counted, so the renderer lives.
         unsafe { &*self.renderer }
     }

@@ -6,6 +6,7 @@
 //! file states the lists and the protocol, and proves that no thread gets stuck. `docs/glossary.md` explains the words.
 
 mod answer_parts;
+mod any_renderer;
 mod borrowed;
 mod caller;
 mod control;
@@ -41,6 +42,7 @@ mod workers;
 #[cfg(test)]
 mod tests;
 
+pub use any_renderer::AnyRenderer;
 pub use control::JobControl;
 pub use handle::JobHandle;
 pub use interactive::InteractiveClient;

@@ -112,7 +112,7 @@ impl Service {
             Unit::Gpu | Unit::Hybrid => STREAM_RAYS,
         };
         let query = Arc::new(Query::new(rays, memory, tile_rays)?);
-        let job = self.submit_as(Arc::clone(&query), tracers, &options, true)?;
+        let job = self.submit_any(Arc::clone(&query).erased(), tracers, &options, true)?;
         Ok(QueryHandle { job, query })
     }
 }

@@ -1,8 +1,9 @@
 //! What a job runs (RA section 3.1): spawns camera rays, shades batches.
 
-use super::{RayCounts, SceneId, rows};
+use super::{AnyRenderer, RayCounts, SceneId, rows};
 use crate::stream::{Hit, Ray, RayAppender, Tracer};
 use bytemuck::Pod;
+use std::sync::Arc;
 
 /// Spawns rays and shades their hits.
 ///
@@ -86,6 +87,15 @@ pub trait Renderer: Send + Sync {
     /// A renderer that wraps another may forward it: without it the rays are spawned, for the same result.
     fn in_place(&self) -> Option<&dyn InPlace> {
         None
+    }
+
+    /// The renderer without its type. One that is part of a library may define this as the default does: the scheduler's
+    /// code for it is then compiled in that library, not in each crate that submits it.
+    fn erased(self: Arc<Self>) -> AnyRenderer
+    where
+        Self: Sized + 'static,
+    {
+        AnyRenderer::new(self)
     }
 
     /// Receives traced shadow rays: `occluded[i]` is 1 if `rays[i]` hits anything between its ends, else 0. Called for

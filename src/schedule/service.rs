@@ -1,19 +1,18 @@
 //! The service: owns the threads, takes jobs from any thread.
 
-use super::job::TypedJob;
-use super::limits::Demand;
+use super::any_renderer::Start;
 use super::pool::Pool;
 use super::result::ResultSlot;
 use super::state::{Effects, Next, Receiver, State, Submission};
-use super::task::{SharedJob, TaskSlot, Work};
+use super::task::Work;
 use super::workers::{Role, Workers, in_role};
 use super::{
-    JobControl, JobHandle, JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers, Unit,
+    AnyRenderer, JobControl, JobHandle, JobOptions, Limits, LimitsError, Renderer, ServiceOptions, Tracers,
+    Unit,
 };
 use crate::stream::{ChunkScratch, drop_quietly, panic_message};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -169,12 +168,12 @@ impl Service {
         tracers: Tracers,
         options: JobOptions,
     ) -> Result<JobHandle, LimitsError> {
-        self.submit_as(renderer, tracers, &options, false)
+        self.submit_any(renderer.erased(), tracers, &options, false)
     }
 
-    pub(super) fn submit_as<R: Renderer + 'static>(
+    pub(super) fn submit_any(
         &self,
-        renderer: Arc<R>,
+        renderer: AnyRenderer,
         tracers: Tracers,
         options: &JobOptions,
         is_query: bool,
@@ -196,8 +195,8 @@ impl Service {
 }
 
 /// Makes a job that runs a renderer.
-pub(super) fn prepare<R: Renderer + 'static>(
-    renderer: Arc<R>,
+pub(super) fn prepare(
+    renderer: AnyRenderer,
     tracers: Tracers,
     options: &JobOptions,
     (hosts, device_thread): (usize, bool),
@@ -211,30 +210,13 @@ pub(super) fn prepare<R: Renderer + 'static>(
     }
     let device_name = tracers.device.as_ref().map_or_else(String::new, |device| device.name().to_owned());
     let (unit, event) = unit_used(&tracers, &device_name, device_thread);
-    let tiles = renderer.tiles();
-    let demand = Demand {
-        tiles,
-        tile_rays: renderer.tile_rays(),
-        shadow_rays_per_ray: renderer.shadow_rays_per_ray(),
-        most_in_flight: renderer.most_in_flight(),
-        host_threads: hosts,
-        has_device: unit != Unit::Cpu,
-        bundle_rays: tracers.device.as_ref().and_then(|device| device.bundle_rays()),
-    };
-    let shared = Arc::new(SharedJob {
-        limits: Limits::derive(options, demand)?,
-        renderer,
-        tracers,
-        device_name,
-        joined: OnceLock::new(),
-        hosts,
-        slots: (0..hosts + usize::from(device_thread)).map(|_| Mutex::new(TaskSlot::Empty)).collect(),
-        abandoned: AtomicBool::new(false),
-    });
-    shared.look_for_device();
-    let work: Arc<dyn Work> = Arc::clone(&shared) as Arc<dyn Work>;
-    let job = TypedJob::new(shared, pool.take(), options, unit, tiles, event.into_iter().collect());
-    Ok(Submission { job: Box::new(job), work, receiver, priority: options.priority, is_query: false })
+    let bundle_rays = tracers.device.as_ref().and_then(|device| device.bundle_rays());
+    let limits = Limits::derive(options, renderer.demand(hosts, unit != Unit::Cpu, bundle_rays))?;
+    let threads = hosts + usize::from(device_thread);
+    let events = event.into_iter().collect();
+    let start = Start { tracers, device_name, limits, unit, hosts, threads, events };
+    let (job, work) = renderer.job(start, options, pool);
+    Ok(Submission { job, work, receiver, priority: options.priority, is_query: false })
 }
 
 /// What traces a job's rays on a service with or without a device thread, and what there is to say about it.

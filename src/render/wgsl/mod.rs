@@ -11,7 +11,7 @@ pub use loop_entries::LoopEntries;
 use super::{CameraSample, Contribution, Frame, HitShader, HitShading, Settings, SettingsError};
 use crate::program::integrator::{HostFunction, IntegratorShader, MOST_PAYLOAD_BYTES};
 use crate::scene::Camera;
-use crate::schedule::{Batch, Output};
+use crate::schedule::{AnyRenderer, Batch, Output};
 use crate::shade::LitScene;
 use crate::shade::loop_stack::EMPTY;
 use crate::stream::Ray;
@@ -104,6 +104,11 @@ impl HitShader for WgslShader {
     type ShadowPayload = Contribution;
     type Memory = LoopEntries;
     const MAX_BOUNCES: u32 = 1 << 10;
+
+    // Compiled once, here.
+    fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
+        AnyRenderer::new(shading)
+    }
 
     fn splats(&self, max_bounces: u32) -> u64 {
         self.0.splats(max_bounces)

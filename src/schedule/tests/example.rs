@@ -5,7 +5,9 @@ use super::super::report::{JobReport, Progress};
 use super::super::service::prepare;
 use super::super::state::{Next, Receiver, State};
 use super::super::task::Work;
-use super::super::{Batch, JobError, JobOptions, Lengths, Output, Renderer, ServiceOptions, TaskKind};
+use super::super::{
+    AnyRenderer, Batch, JobError, JobOptions, Lengths, Output, Renderer, ServiceOptions, TaskKind,
+};
 use super::blind;
 use crate::stream::{ChunkScratch, Ray};
 use std::sync::{Arc, Mutex};
@@ -110,7 +112,8 @@ fn the_example_of_the_readme_happens_as_it_says() {
     let options = JobOptions { timeline: true, ..JobOptions::default() };
     let renderer = Arc::new(Example::default());
     let receiver = Arc::clone(&outbox) as _;
-    let submission = prepare(renderer, blind(), &options, (2, false), &pool, receiver).unwrap();
+    let submission =
+        prepare(AnyRenderer::new(renderer), blind(), &options, (2, false), &pool, receiver).unwrap();
     let mut state = State::new(&ServiceOptions {
         host_threads: 2,
         device_thread: false,

@@ -5,7 +5,7 @@ use super::super::report::{JobReport, Progress};
 use super::super::result::JobError;
 use super::super::service::prepare;
 use super::super::state::{JobId, Next, Receiver, State, Submission};
-use super::super::{JobOptions, ServiceOptions, Tracers};
+use super::super::{AnyRenderer, JobOptions, ServiceOptions, Tracers};
 use super::SCRIPT;
 use super::ledger::{Ledger, Script};
 use crate::stream::ChunkScratch;
@@ -37,7 +37,8 @@ impl OneThread {
         let tracers = Tracers::cpu(Arc::clone(&ledger) as _);
         let options = JobOptions::default().with_caller_rays(0);
         let job =
-            prepare(ledger, tracers, &options, (1, false), &self.pool, Arc::new(Nobody)).expect("it fits");
+            prepare(AnyRenderer::new(ledger), tracers, &options, (1, false), &self.pool, Arc::new(Nobody))
+                .expect("it fits");
         self.state.submit(Submission { is_query: true, ..job }, 0)
     }
 

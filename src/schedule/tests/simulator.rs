@@ -8,7 +8,9 @@ use super::super::result::JobError;
 use super::super::service::prepare;
 use super::super::state::{JobId, Next, Receiver, State, Submission};
 use super::super::task::Work;
-use super::super::{JobOptions, Policy, Priority, ServiceOptions, Sharing, TaskKind, Tracers, Unit};
+use super::super::{
+    AnyRenderer, JobOptions, Policy, Priority, ServiceOptions, Sharing, TaskKind, Tracers, Unit,
+};
 use super::ledger::{FakeDevice, Fate, Ledger, Script, mix};
 use crate::stream::ChunkScratch;
 use std::sync::{Arc, Mutex};
@@ -180,7 +182,8 @@ impl Simulation {
         let receiver = Arc::clone(&outbox) as _;
         let threads = (self.hosts, self.threads.len() > self.hosts);
         let submission =
-            prepare(Arc::clone(&ledger), tracers, &options, threads, &self.pool, receiver).unwrap();
+            prepare(AnyRenderer::new(Arc::clone(&ledger)), tracers, &options, threads, &self.pool, receiver)
+                .unwrap();
         let submission = Submission { is_query: self.random.one_in(3), ..submission };
         let id = self.state.submit(submission, self.now_ns);
         self.cases.push(Case { id, ledger, outbox, panics, cancelled: false, stopped: false });

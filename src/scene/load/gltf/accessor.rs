@@ -2,14 +2,16 @@
 
 use super::buffers::Buffers;
 use crate::lanes::from_index;
+use ::gltf::accessor::sparse::{IndexType, Sparse};
 use ::gltf::accessor::{Accessor, DataType, Dimensions};
+use bytemuck::Pod;
 use glam::Vec4;
 use rayon::prelude::*;
 
 /// The most elements of an accessor without a buffer view. Only such accessors can take much memory in a small file.
 const MAX_IMPLICIT: usize = 1 << 24;
 
-/// Elements that one thread reads, at least.
+/// Elements that a thread reads at a time.
 const AT_ONCE: usize = 1 << 13;
 
 /// The bytes of an accessor's elements.
@@ -99,7 +101,7 @@ pub(super) fn vectors<const N: usize>(
 ///
 /// # Errors
 /// As for [`vectors`].
-pub(super) fn mapped<const N: usize, T: Clone + Send>(
+pub(super) fn mapped<const N: usize, T: Pod>(
     buffers: &Buffers,
     accessor: &Accessor,
     made: impl Fn([f32; N]) -> T + Sync,
@@ -242,57 +244,91 @@ pub(super) fn matrices(buffers: &Buffers, accessor: &Accessor) -> Result<Vec<[f3
     read(buffers, accessor, 16, [0.0; 16], |elements, i| from_index(|c| elements.number(i, c) as f32))
 }
 
-/// Reads all elements, and replaces the elements that the sparse part lists. Threads of rayon's pool share long lists.
-fn read<T: Clone + Send>(
+/// Where the elements of an accessor are.
+struct Place<'a> {
+    count: usize,
+    /// None if the accessor names no bytes.
+    elements: Option<Elements<'a>>,
+    /// Indices of elements that are replaced, and what they become.
+    sparse: Option<[Elements<'a>; 2]>,
+}
+
+impl<'a> Place<'a> {
+    /// The place of elements of `width` components.
+    fn of(buffers: &'a Buffers, accessor: &Accessor, width: usize) -> Result<Self, String> {
+        let (count, kind) = (accessor.count(), accessor.data_type());
+        let elements = match (buffers.decompressed(accessor), accessor.view()) {
+            (Some(found), _) => Some(Elements::new(&found.bytes, 0, None, found.kind, width, count)?),
+            (None, Some(view)) => {
+                let bytes = buffers.view(&view)?;
+                Some(Elements::new(bytes, accessor.offset(), view.stride(), kind, width, count)?)
+            }
+            (None, None) if count <= MAX_IMPLICIT => None,
+            (None, None) => {
+                return Err(format!(
+                    "has {count} elements without a buffer view; at most {MAX_IMPLICIT} are supported"
+                ));
+            }
+        };
+        let sparse =
+            accessor.sparse().map(|sparse| Self::of_sparse(buffers, &sparse, kind, width)).transpose()?;
+        Ok(Self { count, elements, sparse })
+    }
+
+    fn of_sparse(
+        buffers: &'a Buffers,
+        sparse: &Sparse,
+        kind: DataType,
+        width: usize,
+    ) -> Result<[Elements<'a>; 2], String> {
+        let (places, values, count) = (sparse.indices(), sparse.values(), sparse.count());
+        let place_kind = match places.index_type() {
+            IndexType::U8 => DataType::U8,
+            IndexType::U16 => DataType::U16,
+            IndexType::U32 => DataType::U32,
+        };
+        let place_bytes = buffers.view(&places.view())?;
+        let value_bytes = buffers.view(&values.view())?;
+        Ok([
+            Elements::new(place_bytes, places.offset(), None, place_kind, 1, count)?,
+            Elements::new(value_bytes, values.offset(), None, kind, width, count)?,
+        ])
+    }
+}
+
+/// Reads all elements, and replaces the elements that the sparse part lists.
+fn read<T: Pod>(
     buffers: &Buffers,
     accessor: &Accessor,
     width: usize,
     zero: T,
     get: impl Fn(&Elements, usize) -> T + Sync,
 ) -> Result<Vec<T>, String> {
-    let count = accessor.count();
-    let kind = accessor.data_type();
-    let all = |elements: Elements| -> Vec<T> {
-        if elements.count < 2 * AT_ONCE {
-            return (0..elements.count).map(|i| get(&elements, i)).collect();
-        }
-        (0..elements.count).into_par_iter().with_min_len(AT_ONCE).map(|i| get(&elements, i)).collect()
-    };
-    let mut list = match (buffers.decompressed(accessor), accessor.view()) {
-        (Some(found), _) => all(Elements::new(&found.bytes, 0, None, found.kind, width, count)?),
-        (None, Some(view)) => {
-            let bytes = buffers.view(&view)?;
-            all(Elements::new(bytes, accessor.offset(), view.stride(), kind, width, count)?)
-        }
-        (None, None) if count <= MAX_IMPLICIT => vec![zero; count],
-        (None, None) => {
-            return Err(format!(
-                "has {count} elements without a buffer view; at most {MAX_IMPLICIT} are supported"
-            ));
-        }
-    };
-    if let Some(sparse) = accessor.sparse() {
-        let (places, values) = (sparse.indices(), sparse.values());
-        let count = sparse.count();
-        let place_kind = match places.index_type() {
-            ::gltf::accessor::sparse::IndexType::U8 => DataType::U8,
-            ::gltf::accessor::sparse::IndexType::U16 => DataType::U16,
-            ::gltf::accessor::sparse::IndexType::U32 => DataType::U32,
-        };
-        let place_bytes = buffers.view(&places.view())?;
-        let value_bytes = buffers.view(&values.view())?;
-        let places = Elements::new(place_bytes, places.offset(), None, place_kind, 1, count)?;
-        let values = Elements::new(value_bytes, values.offset(), None, kind, width, count)?;
-        for i in 0..count {
+    let place = Place::of(buffers, accessor, width)?;
+    let mut list = vec![zero; place.count];
+    if let Some(elements) = &place.elements {
+        in_parts(bytemuck::cast_slice_mut(&mut list), AT_ONCE * size_of::<T>(), &|part, bytes| {
+            for (i, element) in bytemuck::cast_slice_mut(bytes).iter_mut().enumerate() {
+                *element = get(elements, AT_ONCE * part + i);
+            }
+        });
+    }
+    if let Some([places, values]) = &place.sparse {
+        for i in 0..places.count {
             let place = places.number(i, 0) as usize;
             let length = list.len();
             *list
                 .get_mut(place)
                 .ok_or_else(|| format!("its sparse part replaces element {place}, but it has {length}"))? =
-                get(&values, i);
+                get(values, i);
         }
     }
     Ok(list)
+}
+
+/// Writes parts of so many bytes, which threads of rayon's pool share. Compiled once for all elements.
+fn in_parts(bytes: &mut [u8], part: usize, write: &(dyn Fn(usize, &mut [u8]) + Sync)) {
+    bytes.par_chunks_mut(part).enumerate().for_each(|(part, bytes)| write(part, bytes));
 }
 
 /// The divisor of a normalised integer.

@@ -16,6 +16,7 @@ use crate::lanes::each;
 use crate::scene::{AlphaMode, Instance, MeshSize, Shape, TriangleMesh};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Primitive, Semantic};
+use bytemuck::Pod;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -520,7 +521,7 @@ pub(super) fn read_attribute<const N: usize>(
 }
 
 /// Reads an attribute, and makes a value of each vector.
-pub(super) fn mapped_attribute<const N: usize, T: Clone + Send>(
+pub(super) fn mapped_attribute<const N: usize, T: Pod>(
     context: &Context,
     name: &str,
     accessor: &Accessor,

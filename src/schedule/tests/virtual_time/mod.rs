@@ -14,7 +14,7 @@ use super::super::result::JobError;
 use super::super::service::prepare;
 use super::super::state::{Next, Receiver, State};
 use super::super::task::Work;
-use super::super::{JobOptions, Limits, Policy, ServiceOptions, Sharing, Tracers, Unit};
+use super::super::{AnyRenderer, JobOptions, Limits, Policy, ServiceOptions, Sharing, Tracers, Unit};
 use crate::stream::ChunkScratch;
 use clock::{Clock, Step};
 use frame::{Done, Frame, GRAIN, Queue, TILE_RAYS};
@@ -134,8 +134,15 @@ impl Run {
         };
         let outbox = Arc::new(Outbox::default());
         let receiver = Arc::clone(&outbox) as _;
-        let submission =
-            prepare(frame, tracers, &options, (hosts, has_device), &simulation.pool, receiver).unwrap();
+        let submission = prepare(
+            AnyRenderer::new(frame),
+            tracers,
+            &options,
+            (hosts, has_device),
+            &simulation.pool,
+            receiver,
+        )
+        .unwrap();
         simulation.state.submit(submission, 0);
         simulation.apply_effects();
         while let Some(thread) = simulation.clock.next() {
