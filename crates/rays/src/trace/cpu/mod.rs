@@ -35,6 +35,7 @@
 //! - **A few rays** are no stream: up to 32 rays take turns, each from front to back (`few_rays`).
 //! - **Instances.** Lists that reach an instance visit its tree, whose boxes and corners are moved to world space once
 //!   per visit (`instances`, `instance_space`).
+//! - **Without vector instructions** a ray is traced by itself, one box or triangle at a time (`scalar`).
 //! - **Any-hit queries** visit the child first in which a hit is likeliest, and drop occluded rays from lists.
 //!
 //! Whatever the path, a hit is decided by the canonical test in lanes (`slabs`, `triangle`), after RTRT section 3. What
