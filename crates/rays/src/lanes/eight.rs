@@ -1,7 +1,7 @@
 //! Eight lanes in plain Rust, on any processor: each operation is a call of a function.
 //!
-//! The scalar level traces with them. Inlined, each operation would be a loop over eight numbers in thousands of
-//! places: that takes the compiler longer than AVX2 and AVX-512 together.
+//! The scalar level builds trees and finds nearest points with them. Inlined, each operation would be a loop over eight
+//! numbers in thousands of places.
 //!
 //! Unsafe code, because of pointers and of functions that enable instructions. Invariants:
 //! 1. These lanes need no instructions that some processor lacks.
