@@ -24,7 +24,7 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// Plain Rust on any processor: eight lanes for tracing, one for shading.
+    /// Plain Rust on any processor: no lanes for tracing, one for shading.
     Scalar,
     /// Eight lanes on any 64-bit ARM.
     Neon,
