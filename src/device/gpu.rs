@@ -3,6 +3,7 @@
 
 use super::adapter::{AdapterChoice, AdapterInfo, FoundAdapter};
 use super::host_memory::HostMemory;
+use super::kernel_cache::KernelCache;
 use super::replacement::DeviceReplacement;
 use super::watchdog::Watchdog;
 use super::{Fault, GpuError, probe};
@@ -34,6 +35,8 @@ pub struct Gpu {
     pub(crate) watchdog: Watchdog,
     history: Arc<AdapterHistory>,
     pub(super) replacement: DeviceReplacement,
+    /// The kernels of exact hits of the scenes so far.
+    pub(crate) kernels: KernelCache,
     /// True if streams may lie in memory that the device shares with the host.
     pub(crate) can_share_memory: bool,
     /// Rays of a bundle, if that has been measured.
@@ -89,6 +92,7 @@ impl Gpu {
             watchdog,
             history: Arc::default(),
             replacement: DeviceReplacement::default(),
+            kernels: KernelCache::default(),
             can_share_memory: false,
             bundle_rays: None,
         };

@@ -13,6 +13,7 @@ mod fault;
 mod gpu;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_host_memory.rs")]
 pub(crate) mod host_memory;
+mod kernel_cache;
 #[cfg_attr(not(any(target_os = "linux", target_os = "android", windows)), path = "no_passthrough.rs")]
 mod passthrough;
 mod probe;

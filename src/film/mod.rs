@@ -3,9 +3,11 @@
 mod accumulation;
 mod coverage_counts;
 mod denoise;
+mod display;
 mod image;
 mod kind;
 mod layer;
+mod layer_colours;
 mod layer_plan;
 mod layer_sums;
 mod look;
@@ -28,9 +30,11 @@ pub use accumulation::{Film, FilmError, MAX_RADIANCE};
 pub use denoise::{
     DENOISER_VERSION, FILTER_REACH, GuideSums, GuidedPicture, NoisyPicture, Oidn, OidnError, Viewpoint,
 };
+pub use display::DisplayTable;
 pub use image::Image;
 pub use kind::FilmKind;
 pub use layer::{Coverage, Layer, LayerValues, Picture};
+pub use layer_colours::layer_colours;
 pub use layer_plan::{COVERAGE_ID_BITS, LayerPlan, MEAN_PIXEL_IDS};
 pub use layer_sums::CentreHit;
 pub(crate) use layer_sums::power_of_two;

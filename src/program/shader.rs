@@ -146,7 +146,16 @@ fn check_kind(file: &str, text: &str) -> Result<(), ShaderError> {
     }
 }
 
+// Both are compiled here, not in each crate that has a shader.
+impl From<PatternShader> for ProceduralSurface {
+    #[inline(never)]
+    fn from(pattern: PatternShader) -> Self {
+        Self::new(pattern)
+    }
+}
+
 impl From<BsdfShader> for ScatteringSurface {
+    #[inline(never)]
     fn from(bsdf: BsdfShader) -> Self {
         Self::new(bsdf)
     }
@@ -155,7 +164,7 @@ impl From<BsdfShader> for ScatteringSurface {
 impl From<SurfaceShader> for CodedSurface {
     fn from(shader: SurfaceShader) -> Self {
         match shader {
-            SurfaceShader::Pattern(pattern) => ProceduralSurface::new(pattern).into(),
+            SurfaceShader::Pattern(pattern) => ProceduralSurface::from(pattern).into(),
             SurfaceShader::Bsdf(bsdf) => ScatteringSurface::from(bsdf).into(),
         }
     }

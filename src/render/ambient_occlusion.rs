@@ -144,6 +144,7 @@ impl HitShader for OcclusionShader {
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
     // Compiled once, here.
+    #[inline(never)]
     fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
         AnyRenderer::new(shading)
     }

@@ -276,6 +276,7 @@ impl HitShader for WhittedShader {
     const MAX_BOUNCES: u32 = MAX_BOUNCES;
 
     // Compiled once, here.
+    #[inline(never)]
     fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
         AnyRenderer::new(shading)
     }

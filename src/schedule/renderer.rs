@@ -89,8 +89,9 @@ pub trait Renderer: Send + Sync {
         None
     }
 
-    /// The renderer without its type. One that is part of a library may define this as the default does: the
-    /// scheduler's code for it is then compiled in that library, not in each crate that submits it.
+    /// The renderer without its type. One that is part of a library may define this as the default does, with
+    /// `#[inline(never)]`: the scheduler's code for it is then compiled in that library, not in each crate that submits
+    /// it.
     fn erased(self: Arc<Self>) -> AnyRenderer
     where
         Self: Sized + 'static,

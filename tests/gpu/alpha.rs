@@ -1,6 +1,6 @@
 //! Alpha, which the device decides where a table says how.
 
-use crate::{compare, meshes, open, rays, trace};
+use crate::{compare, meshes, rays, shared, trace};
 use glam::{Vec2, Vec3, Vec4};
 use raystream::bvh::{Bvh, Filter};
 use raystream::device::Gpu;
@@ -103,7 +103,7 @@ fn some_rays() -> Vec<Ray> {
 
 #[test]
 fn a_scenes_alpha_is_decided_on_the_device() {
-    let (gpu, rays) = (open(), some_rays());
+    let (gpu, rays) = (shared(), some_rays());
     for has_colours in [false, true] {
         let scene = scene(has_colours, 0.9);
         let (oracle, tracer) = tracers(&gpu, &tree(&scene), scene);
@@ -119,7 +119,7 @@ fn a_scenes_alpha_is_decided_on_the_device() {
 /// Where it is not, the CPU decides, and the answers are the same.
 #[test]
 fn what_no_table_can_say_is_the_hosts() {
-    let (gpu, rays) = (open(), some_rays());
+    let (gpu, rays) = (shared(), some_rays());
     let mut scene = scene(false, 0.9);
     for uv in &mut scene.mesh.uvs {
         uv.x *= 1e13;
@@ -132,7 +132,7 @@ fn what_no_table_can_say_is_the_hosts() {
 
 #[test]
 fn another_filter_is_the_devices_too() {
-    let (gpu, rays) = (open(), some_rays());
+    let (gpu, rays) = (shared(), some_rays());
     let first = scene(false, 0.9);
     let bvh = tree(&first);
     let (_, tracer) = tracers(&gpu, &bvh, first);

@@ -1,6 +1,6 @@
 //! The same bits as the reference.
 
-use crate::{compare, instanced_scenes, meshes, meshes::Mesh, open, rays, trace, tracers, tracers_of};
+use crate::{compare, instanced_scenes, meshes, meshes::Mesh, rays, shared, trace, tracers, tracers_of};
 use glam::Vec3;
 use raystream::device::{AdapterChoice, Fault, Gpu};
 use raystream::stream::{BlockingTracer, Hit, MISS, Ray};
@@ -31,7 +31,7 @@ fn copied(rays: usize, shadow_rays: usize) -> u64 {
 
 #[test]
 fn all_kinds_of_rays_on_all_kinds_of_meshes_give_the_reference_bits() {
-    let gpu = open();
+    let gpu = shared();
     for (name, mesh, centre, scale) in zoo() {
         for masked in [false, true] {
             let mut rays = rays::mixed(&mesh, 5003, Vec3::ZERO, 1.0, 40);
@@ -53,7 +53,7 @@ fn all_kinds_of_rays_on_all_kinds_of_meshes_give_the_reference_bits() {
 
 #[test]
 fn trees_of_placed_trees_give_the_bits_of_the_triangles_written_out() {
-    let gpu = open();
+    let gpu = shared();
     for (name, scene, scale) in instanced_scenes::all() {
         let rays = instanced_scenes::rays(&scene.mesh, scale, 3000);
         let (oracle, flat) = tracers(&gpu, &scene.mesh, true);
@@ -70,7 +70,7 @@ fn trees_of_placed_trees_give_the_bits_of_the_triangles_written_out() {
 #[test]
 fn ordinary_rays_are_rarely_undecided() {
     let mesh = meshes::grid(60, 0.05, 13);
-    let (oracle, tracer) = tracers(&open(), &mesh, false);
+    let (oracle, tracer) = tracers(&shared(), &mesh, false);
     let mut random = meshes::Random::new(14);
     let rays: Vec<Ray> = (0..100_000)
         .map(|_| {
@@ -90,10 +90,10 @@ fn ordinary_rays_are_rarely_undecided() {
 fn a_device_makes_its_own_hits_unless_its_arithmetic_is_refused() {
     let mesh = meshes::grid(20, 0.05, 15);
     let rays = rays::mixed(&mesh, 5003, Vec3::ZERO, 1.0, 43);
-    let (oracle, tracer) = tracers(&open(), &mesh, true);
+    let (oracle, tracer) = tracers(&shared(), &mesh, true);
     // Vulkan alone takes kernels as they are.
     let is_exact = tracer.exact_hits().is_some();
-    assert!(is_exact || open().info().backend != "vulkan", "{:?}", tracer.refused_hits());
+    assert!(is_exact || shared().info().backend != "vulkan", "{:?}", tracer.refused_hits());
     let (hits, occluded, report) = trace(&tracer, &rays, &rays);
     compare("grid", &oracle, &rays, &hits, &occluded);
     assert!(report.retraced > 512 || !is_exact, "more than the lists have room for: {report:?}");
@@ -115,7 +115,7 @@ fn a_device_makes_its_own_hits_unless_its_arithmetic_is_refused() {
 #[test]
 fn any_number_of_rays_is_taken() {
     let mesh = meshes::soup(300, 0.3, 15);
-    let gpu = open();
+    let gpu = shared();
     let (oracle, tracer) = tracers(&gpu, &mesh, true);
     let rays = rays::mixed(&mesh, 3000, Vec3::ZERO, 1.0, 16);
     for (n, m) in [(0, 0), (1, 0), (0, 1), (63, 64), (64, 65), (129, 1), (3000, 77), (5, 2999)] {
@@ -128,7 +128,7 @@ fn any_number_of_rays_is_taken() {
 #[test]
 fn more_rays_than_one_dispatch_takes_go_in_several() {
     let mesh = meshes::soup(1, 0.5, 17);
-    let (oracle, tracer) = tracers(&open(), &mesh, false);
+    let (oracle, tracer) = tracers(&shared(), &mesh, false);
     let count = tracer.max_rays() + 1001;
     let some = rays::mixed(&mesh, 1000, Vec3::ZERO, 1.0, 18);
     let rays: Vec<Ray> = some.iter().cycle().take(count).copied().collect();
@@ -145,7 +145,7 @@ fn more_rays_than_one_dispatch_takes_go_in_several() {
 #[test]
 fn threads_may_call_at_once() {
     let mesh = meshes::soup(2000, 0.1, 19);
-    let (oracle, tracer) = tracers(&open(), &mesh, true);
+    let (oracle, tracer) = tracers(&shared(), &mesh, true);
     std::thread::scope(|scope| {
         for thread in 0..4 {
             let (oracle, tracer, mesh) = (&oracle, &tracer, &mesh);
@@ -162,7 +162,7 @@ fn threads_may_call_at_once() {
 
 #[test]
 fn scenes_share_a_device_and_an_empty_one_is_a_miss() {
-    let gpu = open();
+    let gpu = shared();
     let (one, two) = (meshes::soup(200, 0.3, 24), meshes::grid(9, 0.2, 25));
     let (first, second, none) =
         (tracers(&gpu, &one, false), tracers(&gpu, &two, false), tracers(&gpu, &Mesh::default(), false));

@@ -22,7 +22,7 @@ use raystream::device::{AdapterChoice, Gpu};
 use raystream::stream::{BlockingTracer, DeviceReport, Hit, Queries, Ray};
 use raystream::trace::cpu::Oracle;
 use raystream::trace::gpu::GpuTracer;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// Lets light through in a pattern.
 struct Stripes;
@@ -37,6 +37,12 @@ impl Filter for Stripes {
 fn open() -> Arc<Gpu> {
     let choice = AdapterChoice { name: None, allow_software: true };
     Arc::new(Gpu::open(&choice).expect("tests need a GPU; a software adapter will do"))
+}
+
+/// The device of all tests that do not lose theirs. It compiles the kernels of scenes of one shape once.
+fn shared() -> Arc<Gpu> {
+    static SHARED: LazyLock<Arc<Gpu>> = LazyLock::new(open);
+    SHARED.clone()
 }
 
 /// The reference and the GPU tracer over a mesh; every fourth triangle is masked when asked.

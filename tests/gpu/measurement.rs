@@ -1,6 +1,6 @@
 //! Kernels measured by themselves: by the device's own clock, and what rays visit.
 
-use crate::{meshes, open, rays, tracers, tracers_of};
+use crate::{meshes, rays, shared, tracers, tracers_of};
 use glam::Vec3;
 use raystream::bvh::{Bvh, TreeInstance};
 use raystream::geom::Placement;
@@ -10,7 +10,7 @@ use std::time::Instant;
 
 #[test]
 fn kernels_take_a_part_of_the_time_of_a_call() {
-    let gpu = open();
+    let gpu = shared();
     let mesh = meshes::soup(500, 0.2, 3);
     let (_, tracer) = tracers(&gpu, &mesh, false);
     let rays = rays::mixed(&mesh, 5003, Vec3::ZERO, 1.0, 40);
@@ -37,7 +37,7 @@ fn build(triangles: &[[Vec3; 3]]) -> Bvh {
 
 /// What a ray along z from a point visits.
 fn visits(bvh: Bvh, (x, y): (f32, f32)) -> Visits {
-    let (_, tracer) = tracers_of(&open(), Arc::new(bvh));
+    let (_, tracer) = tracers_of(&shared(), Arc::new(bvh));
     let rays = [Ray::new(Vec3::new(x, y, -1.0), Vec3::Z), Ray::new(Vec3::ZERO, Vec3::ZERO)];
     let counted = tracer.visits(&rays).expect("the device answers").expect("it counts");
     assert_eq!(counted[1], Visits::default(), "a ray without a direction visits nothing");
@@ -74,7 +74,7 @@ fn what_a_ray_visits_is_counted_as_by_hand() {
 #[test]
 fn counts_do_not_depend_on_how_rays_are_divided() {
     let mesh = meshes::grid(20, 0.1, 5);
-    let (_, tracer) = tracers(&open(), &mesh, true);
+    let (_, tracer) = tracers(&shared(), &mesh, true);
     let some = rays::mixed(&mesh, 300, Vec3::ZERO, 1.0, 44);
     let visits = |rays: &[Ray]| tracer.visits(rays).expect("the device answers").expect("it counts");
     let all = visits(&some);

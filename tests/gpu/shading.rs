@@ -1,6 +1,6 @@
 //! Patterns and BSDFs in WGSL on the GPU: the bits that the CPU computed at the hits of a picture.
 
-use super::open;
+use super::shared;
 use raystream::engine::{PreparedScene, Units};
 use raystream::lanes::{Int, Lanes, MAX_LANES, Mask, Num, Vector};
 use raystream::program::gpu::GpuProgram;
@@ -187,7 +187,7 @@ fn source(file: &str) -> String {
 
 /// Compares a pattern on the walls of a picture.
 fn compare_pattern(name: &str, text: &str) {
-    let gpu = open();
+    let gpu = shared();
     let (noting, shader, rows) = Noting::new(PatternShader::load(name, text, []).expect("valid"));
     render(|scene| {
         assert!(scene.replace_surface("white", ProceduralSurface::new(noting)).expect("walls") > 0)
@@ -225,7 +225,7 @@ fn a_pattern_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
 
 #[test]
 fn a_bsdf_has_the_bits_of_the_cpu_at_every_hit_of_a_picture() {
-    let gpu = open();
+    let gpu = shared();
     for file in ["velvet.wgsl", "dust.wgsl"] {
         let (noting, shader, rows) = Noting::new(BsdfShader::load(file, &source(file), []).expect("valid"));
         render(|scene| {

@@ -106,6 +106,7 @@ impl HitShader for WgslShader {
     const MAX_BOUNCES: u32 = 1 << 10;
 
     // Compiled once, here.
+    #[inline(never)]
     fn erased(shading: Arc<HitShading<Self>>) -> AnyRenderer {
         AnyRenderer::new(shading)
     }

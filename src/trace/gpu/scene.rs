@@ -14,6 +14,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 /// Bytes uploaded at once. wgpu allocates staging memory of this size.
 const UPLOAD_BYTES: usize = 16 << 20;
 
+/// The stack of a kernel has a multiple of this many entries.
+const STACK_STEP: usize = 8;
+
 /// Makes the source of a kernel of candidates for scenes of a shape.
 type Source = fn(Kernel, &Shape) -> String;
 
@@ -81,6 +84,8 @@ impl DeviceScene {
             }
             Ok(buffers)
         };
+        // Scenes of about the same depth have the same kernels.
+        let stack = stack.next_multiple_of(STACK_STEP);
         let shape =
             Shape { stack, members: !members.is_empty(), pages, counts: false, alpha: alpha.is_some() };
         let refused = |reason| GpuError::Kernel { adapter: adapter(), reason };

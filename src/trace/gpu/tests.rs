@@ -341,3 +341,23 @@ fn a_dispatch_that_takes_too_long_is_a_loss() {
     assert!(reason.contains("did not return within"), "{reason}");
     assert!(start.elapsed() < Duration::from_secs(5));
 }
+
+#[test]
+fn scenes_of_one_shape_have_the_kernels_that_the_device_has_compiled() {
+    let gpu = Arc::new(open());
+    let kernels = |bvh: &Arc<Bvh>| {
+        let oracle = Oracle::new(bvh.clone(), None);
+        let tracer = GpuTracer::new(gpu.clone(), bvh.clone(), None, Arc::new(oracle.clone()));
+        let tracer = tracer.expect("the scene fits");
+        trace_stream(&tracer, &oracle, &rays(bvh, 500), &[]);
+        assert_eq!(tracer.exact_hits().is_some(), gpu.info().backend == "vulkan");
+        gpu.kernels.len()
+    };
+    let first = kernels(&tree());
+    let (positions, triangles) = mesh();
+    let moved: Vec<Vec3> = positions.iter().map(|at| *at + Vec3::X).collect();
+    let moved = Arc::new(Bvh::build(&moved, &triangles, |_| false));
+    assert_eq!(kernels(&moved), first);
+    // A tree over trees has others.
+    assert!(kernels(&instances_of(&moved)) > first || gpu.info().backend != "vulkan");
+}

@@ -172,16 +172,16 @@ impl Bench<'_> {
         let rust = || ProceduralSurface::new(Wood { rings: 3.0 });
         add("wood, Rust in lanes", rust().into(), simd, 0, None)?;
         add("wood, Rust in one lane", rust().into(), SimdLevel::Scalar, 0, None)?;
-        add("wood, WGSL", ProceduralSurface::new(wood(true)?).into(), simd, 0, None)?;
-        add("wood, WGSL, noise written out", ProceduralSurface::new(wood(false)?).into(), simd, 0, None)?;
+        add("wood, WGSL", ProceduralSurface::from(wood(true)?).into(), simd, 0, None)?;
+        add("wood, WGSL, noise written out", ProceduralSurface::from(wood(false)?).into(), simd, 0, None)?;
         let dust = || ScatteringSurface::new(Dust { albedo: 0.9 });
         add("dust, Rust in lanes", dust().into(), simd, 4, None)?;
         add("dust, Rust in one lane", dust().into(), SimdLevel::Scalar, 4, None)?;
         let shader = BsdfShader::load("dust.wgsl", DUST, [])?;
-        add("dust, WGSL", ScatteringSurface::new(shader).into(), simd, 4, None)?;
+        add("dust, WGSL", ScatteringSurface::from(shader).into(), simd, 4, None)?;
         for block in BLOCKS {
             let shader = wood(true)?.with_block(Some(block));
-            add("wood, WGSL, by block", ProceduralSurface::new(shader).into(), simd, 0, Some(block))?;
+            add("wood, WGSL, by block", ProceduralSurface::from(shader).into(), simd, 0, Some(block))?;
         }
         let base = all.len();
         let whitted = [

@@ -1,16 +1,14 @@
 //! The thread that encodes pictures beside rendering.
 
-use super::display::DisplayTable;
-use super::layer_colours::layer_colours;
 use super::message::Payload;
 use super::outbox::Outbox;
 use super::shared_frame::Rows;
 use super::tile::jpeg_of;
 use super::{Frame, FrameFlags, PictureFile, Reply, saved, strips};
 use jpeg_encoder::{ColorType, Encoder as Jpeg, EncodingError};
-use raystream::film::{Exposure, Light, Look, Picture, View};
+use raystream::film::{DisplayTable, Exposure, Light, Look, Picture, layer_colours};
 use std::io;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -262,7 +260,7 @@ fn jpeg(picture: &Picture, flags: FrameFlags, look: Look) -> Result<Vec<u8>, Enc
     let image = &picture.image;
     let colours = match picture.layers.first() {
         Some(layer) => layer_colours(layer, image.pixels.len()),
-        None => table(look.view()).bytes(image, &look),
+        None => DisplayTable::of(look.view()).bytes(image, &look),
     };
     let [moving, better, last] = QUALITIES;
     let quality = match flags {
@@ -278,11 +276,4 @@ fn jpeg(picture: &Picture, flags: FrameFlags, look: Look) -> Result<Vec<u8>, Enc
         ColorType::Rgb,
     )?;
     Ok(bytes)
-}
-
-/// The table of a view, which is made by the first call.
-pub(super) fn table(view: View) -> &'static DisplayTable {
-    static TABLES: [OnceLock<DisplayTable>; View::ALL.len()] = [const { OnceLock::new() }; View::ALL.len()];
-    let index = View::ALL.iter().position(|&other| other == view).expect("all views are listed");
-    TABLES[index].get_or_init(|| DisplayTable::new(view))
 }

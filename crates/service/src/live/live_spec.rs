@@ -188,7 +188,7 @@ impl LiveSpec {
         source: &str,
         compiled: Option<ProceduralSurface>,
     ) -> Result<(), String> {
-        let compile = || PatternShader::load(file, source, []).map(ProceduralSurface::new);
+        let compile = || PatternShader::load(file, source, []).map(ProceduralSurface::from);
         let surface = compiled.map_or_else(compile, Ok).map_err(|error| error.to_string())?;
         self.surfaces.insert(file.to_owned(), surface);
         self.texts.insert(file.to_owned(), source.to_owned());

@@ -12,10 +12,8 @@
 //! ```
 
 pub mod decisions;
-mod display;
 mod encoder;
 mod inbox;
-mod layer_colours;
 mod live_spec;
 mod message;
 mod outbox;

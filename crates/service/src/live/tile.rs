@@ -1,11 +1,11 @@
 //! Rows of a moving frame: rendered, shown as a display shows them, and encoded.
 
-use super::encoder::{MOVING_QUALITY, table};
+use super::encoder::MOVING_QUALITY;
 use super::live_spec::LiveSpec;
 use super::strips;
 use crate::contract::{Tile, TileAsk};
 use raystream::engine::PreparedScene;
-use raystream::film::{FILTER_REACH, Image, Light, Look, Region, View};
+use raystream::film::{DisplayTable, FILTER_REACH, Image, Light, Look, Region, View};
 use raystream::picture::TimedScene;
 use raystream::render::{
     AovSet, Integrator, Part, PassOptions, PathTracer, Progressive, ROULETTE_BOUNCES, Settings,
@@ -91,7 +91,7 @@ pub(super) fn moving_layers(is_denoised: bool) -> AovSet {
 
 /// Rows of a moving frame as a JPEG with restart markers.
 pub(super) fn jpeg_of(image: &Image, look: &Look) -> Result<Vec<u8>, String> {
-    let colours = table(look.view()).bytes(image, look);
+    let colours = DisplayTable::of(look.view()).bytes(image, look);
     let encoded = strips::encode(&colours, [image.width, image.height], MOVING_QUALITY);
     encoded.map_err(|error| error.to_string())
 }
@@ -100,7 +100,7 @@ impl TileScene {
     /// A scene without edits.
     pub fn new(prepared: &PreparedScene, service: &Arc<Service>) -> Self {
         // The first tile has no time to make it.
-        table(View::default());
+        DisplayTable::of(View::default());
         let (spec, moved) = (LiveSpec::default(), prepared.clone());
         let ready = Ready { spec, moved, prepared: prepared.clone(), path: None };
         let (prepared, service) = (prepared.clone(), Arc::clone(service));

@@ -1,11 +1,12 @@
 //! A live view: the handle that a client's connection holds.
 
-use super::encoder::{Encoder, table};
+use super::encoder::Encoder;
 use super::inbox::Inbox;
 use super::outbox::Outbox;
 use super::renderer::Renderer;
 use super::{Frame, Reply, Request, TileWorkers};
 use raystream::engine::PreparedScene;
+use raystream::film::DisplayTable;
 use raystream::film::tev::Tev;
 use raystream::picture::{RenderSpec, TimedScene};
 use raystream::scene::AnimationSpan;
@@ -116,7 +117,7 @@ impl LiveView {
     /// If the system gives no thread.
     pub fn new(view_scene: ViewScene, wake: impl Fn() + Send + Sync + 'static) -> io::Result<Self> {
         let look = view_scene.spec.look.look();
-        table(look.view());
+        DisplayTable::of(look.view());
         let (inbox, outbox) = (Arc::new(Inbox::default()), Arc::new(Outbox::new(wake)));
         let encoder = Encoder::start(look, Arc::clone(&outbox))?;
         let renderer = Renderer::new(view_scene, Arc::clone(&inbox), Arc::clone(&outbox), encoder);

@@ -174,25 +174,27 @@ impl Module {
         entry: &'static str,
         groups: &[Option<&wgpu::BindGroupLayout>],
     ) -> Result<wgpu::ComputePipeline, String> {
-        // `unchecked_module` has the proofs.
-        let words = spirv(&self.source, Some(entry), self.controls, self.route.fma(), Checks::Proven)?;
-        let made = gpu.attempt(|device, _| {
-            let module = module(device, entry, &words, &[entry]);
-            let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(entry),
-                bind_group_layouts: groups,
-                immediate_size: 0,
+        gpu.kernels.pipeline(&self.source, entry, || {
+            // `unchecked_module` has the proofs.
+            let words = spirv(&self.source, Some(entry), self.controls, self.route.fma(), Checks::Proven)?;
+            let made = gpu.attempt(|device, _| {
+                let module = module(device, entry, &words, &[entry]);
+                let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                    label: Some(entry),
+                    bind_group_layouts: groups,
+                    immediate_size: 0,
+                });
+                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(entry),
+                    layout: Some(&layout),
+                    module: &module,
+                    entry_point: Some(entry),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    cache: None,
+                })
             });
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&layout),
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                cache: None,
-            })
-        });
-        made.and_then(|made| made)
+            made.and_then(|made| made)
+        })
     }
 
     /// The pipeline of a probe.

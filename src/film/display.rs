@@ -1,6 +1,7 @@
 //! From radiance to the bytes of a display, quickly.
 
-use raystream::film::{Exposure, Image, Look, View};
+use super::{Exposure, Image, Look, View};
+use std::sync::OnceLock;
 
 /// The stops that the table covers: black below, white above.
 const LEAST_STOP: f32 = -13.0;
@@ -23,8 +24,15 @@ pub struct DisplayTable {
 }
 
 impl DisplayTable {
-    /// The table of a view.
-    pub fn new(view: View) -> Self {
+    /// The table of a view, which the first call makes.
+    pub fn of(view: View) -> &'static Self {
+        static TABLES: [OnceLock<DisplayTable>; View::ALL.len()] =
+            [const { OnceLock::new() }; View::ALL.len()];
+        let index = View::ALL.iter().position(|&other| other == view).expect("all views are listed");
+        TABLES[index].get_or_init(|| Self::new(view))
+    }
+
+    fn new(view: View) -> Self {
         let radiance = |node: usize| match node {
             0 => 0.0,
             _ => libm::exp2f(LEAST_STOP + node as f32 / PER_STOP as f32),

@@ -1,6 +1,6 @@
 //! Layers as colours on a display.
 
-use raystream::film::{Layer, LayerValues};
+use super::{Layer, LayerValues};
 
 /// Red, green and blue of each pixel. Distances and counts are scaled to what the picture has, near and few being
 /// bright; directions are mapped from −1..=1, positions and texture coordinates repeat with each unit, and ids get
@@ -21,7 +21,6 @@ pub fn layer_colours(layer: &Layer, pixels: usize) -> Vec<u8> {
             };
             (0..pixels).flat_map(|pixel| most(pixel).map_or([0; 3], |&(id, _)| colour(id))).collect()
         }
-        _ => vec![0; 3 * pixels],
     }
 }
 
