@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Pipelines by their sources and entry points. There are as many as shapes of scenes: a few dozen at most.
+/// Pipelines by their sources and entry points, from which their layouts follow. There are as many as shapes of scenes:
+/// a few dozen at most.
 #[derive(Debug, Default)]
 pub(crate) struct KernelCache(Mutex<HashMap<u128, wgpu::ComputePipeline>>);
 
