@@ -48,7 +48,7 @@ impl DisplayTable {
         Self { view, nodes: shown.as_chunks().0.to_vec() }
     }
 
-    /// Red, green and blue of each pixel.
+    /// Red, green and blue of each pixel in a look, which has the table's view.
     pub fn bytes(&self, image: &Image, look: &Look) -> Vec<u8> {
         debug_assert_eq!(look.view(), self.view);
         let stops = look.with_exposure(Exposure::Stops(look.stops(image))).stops(image);

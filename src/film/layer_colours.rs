@@ -1,25 +1,25 @@
 //! Layers as colours on a display.
 
-use super::{Layer, LayerValues};
+use super::{Layer, LayerValues, View};
 
 /// Red, green and blue of each pixel. Distances and counts are scaled to what the picture has, near and few being
 /// bright; directions are mapped from −1..=1, positions and texture coordinates repeat with each unit, and ids get
 /// colours by chance.
-pub fn layer_colours(layer: &Layer, pixels: usize) -> Vec<u8> {
+pub fn layer_colours(layer: &Layer) -> Vec<u8> {
     match &layer.values {
         LayerValues::Floats { channels, values } => match (layer.name, channels.len()) {
             ("normal" | "shading-normal", _) => spread(values, 3, |x| 0.5 + 0.5 * x),
             ("position" | "uv", count) => spread(values, count, |x| x - x.floor()),
             (_, 1) => grey(values),
-            (_, count) => spread(values, count, srgb),
+            (_, count) => spread(values, count, |light| View::Standard.encode(light)),
         },
         LayerValues::Ids { ids, .. } => ids.iter().flat_map(|&id| colour(id)).collect(),
         LayerValues::Coverage(coverage) => {
-            let most = |pixel: usize| {
-                let entries = coverage.starts[pixel] as usize..coverage.starts[pixel + 1] as usize;
-                coverage.entries[entries].iter().max_by_key(|entry| entry.1)
+            let most = |&[start, end]: &[u32; 2]| {
+                let entries = &coverage.entries[start as usize..end as usize];
+                entries.iter().max_by_key(|entry| entry.1).map_or([0; 3], |&(id, _)| colour(id))
             };
-            (0..pixels).flat_map(|pixel| most(pixel).map_or([0; 3], |&(id, _)| colour(id))).collect()
+            coverage.starts.array_windows().flat_map(most).collect()
         }
     }
 }
@@ -41,10 +41,6 @@ fn grey(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|&x| [byte(x); 3]).collect()
 }
 
-fn srgb(light: f32) -> f32 {
-    if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * libm::powf(light, 1.0 / 2.4) - 0.055 }
-}
-
 /// A bright colour for an id; black for none.
 fn colour(id: u32) -> [u8; 3] {
     if id == LayerValues::NO_ID {
@@ -58,18 +54,23 @@ fn colour(id: u32) -> [u8; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::film::Coverage;
 
     #[test]
     fn each_kind_of_layer_has_three_bytes_a_pixel() {
         let floats = |name, channels, values| Layer::new(name, LayerValues::Floats { channels, values });
-        let depth = layer_colours(&floats("depth", &["Z"], vec![1.0, 3.0, f32::INFINITY]), 3);
+        let depth = layer_colours(&floats("depth", &["Z"], vec![1.0, 3.0, f32::INFINITY]));
         assert_eq!((depth[0], depth[3], depth[6]), (242, 25, 0));
-        let normal = layer_colours(&floats("normal", &["X", "Y", "Z"], vec![0.0, 1.0, -1.0]), 1);
+        let normal = layer_colours(&floats("normal", &["X", "Y", "Z"], vec![0.0, 1.0, -1.0]));
         assert_eq!(normal, [128, 255, 0]);
-        assert_eq!(layer_colours(&floats("uv", &["U", "V"], vec![1.25, -0.5]), 1), [64, 128, 0]);
+        assert_eq!(layer_colours(&floats("uv", &["U", "V"], vec![1.25, -0.5])), [64, 128, 0]);
         let ids = LayerValues::Ids { ids: vec![0, 1, LayerValues::NO_ID], names: Vec::new() };
-        let ids = layer_colours(&Layer::new("object", ids), 3);
+        let ids = layer_colours(&Layer::new("object", ids));
         assert_eq!(ids.len(), 9);
         assert!(ids[..3] != ids[3..6] && ids[6..] == [0; 3]);
+        let coverage =
+            Coverage { starts: vec![0, 2, 2], entries: vec![(0, 1), (1, 3)], ..Coverage::default() };
+        let most = layer_colours(&Layer::new("object", LayerValues::Coverage(coverage)));
+        assert_eq!(most, ids[3..9]);
     }
 }

@@ -259,7 +259,7 @@ impl SharedPicture {
 fn jpeg(picture: &Picture, flags: FrameFlags, look: Look) -> Result<Vec<u8>, EncodingError> {
     let image = &picture.image;
     let colours = match picture.layers.first() {
-        Some(layer) => layer_colours(layer, image.pixels.len()),
+        Some(layer) => layer_colours(layer),
         None => DisplayTable::of(look.view()).bytes(image, &look),
     };
     let [moving, better, last] = QUALITIES;

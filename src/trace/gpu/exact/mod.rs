@@ -140,7 +140,10 @@ impl ExactKernels {
             found?;
         }
         let groups = [Some(layouts.scene), Some(layouts.request)];
-        let kernel = |kernel: Kernel| module.pipeline(gpu, kernel.name(), &groups);
+        let kernel = |kernel: Kernel| {
+            let compile = || module.pipeline(gpu, kernel.name(), &groups);
+            gpu.kernels.pipeline(&module.source, kernel.name(), compile)
+        };
         // Drivers compile each for itself.
         let (closest, any) = rayon::join(|| kernel(Kernel::TraceClosest), || kernel(Kernel::TraceAny));
         Ok(Self { form, closest: closest?, any: any? })
@@ -174,27 +177,25 @@ impl Module {
         entry: &'static str,
         groups: &[Option<&wgpu::BindGroupLayout>],
     ) -> Result<wgpu::ComputePipeline, String> {
-        gpu.kernels.pipeline(&self.source, entry, || {
-            // `unchecked_module` has the proofs.
-            let words = spirv(&self.source, Some(entry), self.controls, self.route.fma(), Checks::Proven)?;
-            let made = gpu.attempt(|device, _| {
-                let module = module(device, entry, &words, &[entry]);
-                let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                    label: Some(entry),
-                    bind_group_layouts: groups,
-                    immediate_size: 0,
-                });
-                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label: Some(entry),
-                    layout: Some(&layout),
-                    module: &module,
-                    entry_point: Some(entry),
-                    compilation_options: wgpu::PipelineCompilationOptions::default(),
-                    cache: None,
-                })
+        // `unchecked_module` has the proofs.
+        let words = spirv(&self.source, Some(entry), self.controls, self.route.fma(), Checks::Proven)?;
+        let made = gpu.attempt(|device, _| {
+            let module = module(device, entry, &words, &[entry]);
+            let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(entry),
+                bind_group_layouts: groups,
+                immediate_size: 0,
             });
-            made.and_then(|made| made)
-        })
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&layout),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
+        });
+        made.and_then(|made| made)
     }
 
     /// The pipeline of a probe.
