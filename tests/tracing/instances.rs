@@ -3,17 +3,18 @@
 use crate::exact::{Stripes, check_tree};
 use crate::instanced_scenes::{self, InstancedScene};
 use glam::Vec3;
+use rayon::prelude::*;
 use raystream::bvh::{Bvh, GeometryError, TreeInstance};
 use raystream::geom::{Aabb, Placement};
 use std::sync::Arc;
 
 #[test]
 fn every_tracer_answers_as_for_the_triangles_written_out() {
-    for (name, InstancedScene { mesh, bvh }, scale) in instanced_scenes::all() {
+    instanced_scenes::all().into_par_iter().for_each(|(name, InstancedScene { mesh, bvh }, scale)| {
         let rays = instanced_scenes::rays(&mesh, scale, 1500);
         check_tree(name, &mesh, bvh.clone(), &rays, None);
         check_tree(name, &mesh, bvh, &rays, Some(Arc::new(Stripes)));
-    }
+    });
 }
 
 #[test]

@@ -67,7 +67,7 @@ fn a_small_job_does_not_wait_for_a_turn() {
     let least = alone.tasks_until(small, 1000);
 
     let mut thread = OneThread::new();
-    let large = [thread.submit(100_000, 300), thread.submit(100_000, 300)];
+    let large = [thread.submit(10_000, 300), thread.submit(10_000, 300)];
     assert_eq!(thread.tasks_until(large[0], 300), 300, "it is larger than that");
     for _ in 0..50 {
         let small = thread.submit(1, 4);

@@ -374,62 +374,36 @@ fn beyond(volume: &Expansion, facing: &Expansion, t: f64) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::dyadic::{Vector, cross, dot, minus, power, sign, vector};
     use crate::geom::mix;
+    use num_bigint::BigInt;
     use num_rational::BigRational;
     use num_traits::{Signed, Zero};
 
-    type Rational = BigRational;
-
-    fn rational(number: f64) -> Rational {
-        Rational::from_float(number).expect("finite")
+    fn rational(number: f64) -> BigRational {
+        BigRational::from_float(number).expect("finite")
     }
 
-    fn vector(v: DVec3) -> [Rational; 3] {
-        v.to_array().map(rational)
+    /// A point moved by (e, e², e³), for e = 2⁻³⁰⁰ in place of an infinitesimal one.
+    fn moved(point: DVec3) -> Vector {
+        let point = vector(point);
+        [0, 1, 2].map(|axis| &point[axis] + power(-300 * (axis as i32 + 1)))
     }
 
-    fn minus(a: &[Rational; 3], b: &[Rational; 3]) -> [Rational; 3] {
-        [&a[0] - &b[0], &a[1] - &b[1], &a[2] - &b[2]]
-    }
-
-    fn cross(a: &[Rational; 3], b: &[Rational; 3]) -> [Rational; 3] {
-        let part = |i: usize, k: usize| &a[i] * &b[k] - &a[k] * &b[i];
-        [part(1, 2), part(2, 0), part(0, 1)]
-    }
-
-    fn dot(a: &[Rational; 3], b: &[Rational; 3]) -> Rational {
-        &a[0] * &b[0] + &a[1] * &b[1] + &a[2] * &b[2]
-    }
-
-    fn sign(x: &Rational) -> i32 {
-        if x.is_zero() {
-            0
-        } else if x.is_positive() {
-            1
-        } else {
-            -1
-        }
-    }
-
-    /// The crossing of a triangle by the ray whose origin is moved by (e, e², e³), for a tiny rational `e` in place of
-    /// an infinitesimal one, with nothing but the definition.
+    /// The crossing of a triangle by the ray whose origin is moved, with nothing but the definition.
     fn moved_crossing(origin: DVec3, direction: DVec3, corners: [Vec3; 3]) -> bool {
-        let e = rational(f64::powi(2.0, -300));
-        let shift = [e.clone(), &e * &e, &e * &e * &e];
-        let moved = vector(origin);
-        let moved = [0, 1, 2].map(|axis| &moved[axis] + &shift[axis]);
-        let [a, b, c] = corners.map(|corner| minus(&vector(corner.as_dvec3()), &moved));
+        let [a, b, c] = corners.map(|corner| minus(&vector(corner.as_dvec3()), &moved(origin)));
         let d = vector(direction);
         let signs = [(&c, &a), (&a, &b), (&b, &c)].map(|(p, q)| sign(&dot(&d, &cross(p, q))));
         signs[0] != 0 && signs.iter().all(|&sign| sign == signs[0])
     }
 
     /// The exact `t` of a plane, if the ray is not parallel to it.
-    fn exact_t(origin: DVec3, direction: DVec3, corners: [Vec3; 3]) -> Option<Rational> {
+    fn exact_t(origin: &Vector, direction: DVec3, corners: [Vec3; 3]) -> Option<BigRational> {
         let [a, b, c] = corners.map(|corner| vector(corner.as_dvec3()));
         let normal = cross(&minus(&b, &a), &minus(&c, &a));
         let facing = dot(&normal, &vector(direction));
-        (!facing.is_zero()).then(|| dot(&normal, &minus(&a, &vector(origin))) / facing)
+        (!facing.is_zero()).then(|| BigRational::new(dot(&normal, &minus(&a, origin)), facing))
     }
 
     /// Small integers, so that much is degenerate, or any numbers.
@@ -459,12 +433,13 @@ mod tests {
                 _ => point(at + 4, kind),
             };
             let direction = target.as_dvec3() - origin;
-            let expected_t = exact_t(origin, direction, corners);
+            let expected_t = exact_t(&vector(origin), direction, corners);
             let moved = moved_crossing(origin, direction, corners);
             for (t_min, t_max) in [(0.0, f64::INFINITY), (1.0, 2.0), (0.0, 1.0)] {
                 let crossing = HalfOpenRay::new(origin, direction, t_min, t_max).crossing(corners);
-                let in_range =
-                    |t: &Rational| *t > rational(t_min) && (t_max == f64::INFINITY || *t <= rational(t_max));
+                let in_range = |t: &BigRational| {
+                    *t > rational(t_min) && (t_max == f64::INFINITY || *t <= rational(t_max))
+                };
                 let expected = moved && expected_t.as_ref().is_some_and(in_range);
                 assert_eq!(
                     crossing.is_some(),
@@ -500,9 +475,9 @@ mod tests {
             // In the convex hull: some weights, none negative, add up to the zero vector. Small integers have a common
             // denominator of at most the square of the area, so the plane and the edges decide.
             let normal = cross(&minus(&b, &a), &minus(&c, &a));
-            let expected = if normal.iter().all(Rational::is_zero) {
-                let between = |p: &[Rational; 3], q: &[Rational; 3]| {
-                    cross(p, q).iter().all(Rational::is_zero) && !dot(p, q).is_positive()
+            let expected = if normal.iter().all(BigInt::is_zero) {
+                let between = |p: &Vector, q: &Vector| {
+                    cross(p, q).iter().all(BigInt::is_zero) && !dot(p, q).is_positive()
                 };
                 between(&a, &b) || between(&b, &c) || between(&c, &a)
             } else {
@@ -529,15 +504,7 @@ mod tests {
                 continue;
             }
             ties += 1;
-            let e = rational(f64::powi(2.0, -300));
-            let shift = [e.clone(), &e * &e, &e * &e * &e];
-            let t = |corners: [Vec3; 3]| {
-                let [a, b, c] = corners.map(|corner| vector(corner.as_dvec3()));
-                let normal = cross(&minus(&b, &a), &minus(&c, &a));
-                let origin = vector(origin);
-                let moved = [0, 1, 2].map(|axis| &origin[axis] + &shift[axis]);
-                dot(&normal, &minus(&a, &moved)) / dot(&normal, &vector(direction))
-            };
+            let t = |corners| exact_t(&moved(origin), direction, corners).expect("not parallel");
             assert_eq!(ray.crosses_first(first, second), t(first) < t(second), "{i}");
         }
         assert!(ties > 50, "{ties}");

@@ -12,6 +12,8 @@
 mod aabb;
 mod basis;
 mod canonical;
+#[cfg(test)]
+pub(crate) mod dyadic;
 mod expansion;
 mod half_open;
 mod half_open_eight;

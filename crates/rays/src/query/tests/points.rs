@@ -1,13 +1,13 @@
-//! Nearest points in lanes, and the sides of points against rational arithmetic.
+//! Nearest points in lanes, and the sides of points against exact arithmetic.
 
 use super::counting::{cuboid, sphere};
 use super::{hills, long_run, point, pool, signed};
+use crate::geom::dyadic::{Vector, cross, dot, minus, vector};
 use crate::geom::mix;
 use crate::query::nearest::nearest;
 use crate::query::*;
 use glam::{DVec3, Vec3};
-use num_rational::BigRational;
-use num_traits::Signed;
+use num_traits::{Signed, Zero};
 use rayon::prelude::*;
 
 /// Triangles of all sizes and forms: slivers, segments and points, too.
@@ -120,25 +120,16 @@ fn a_world_has_the_nearest_points_of_one_mesh_of_the_moved_corners() {
     assert!(found.2.contains(&0) && found.2.contains(&1));
 }
 
-/// True if a point is inside, or on the surface, by rational arithmetic: every triangle, and a ray that is moved until
+/// True if a point is inside, or on the surface, by exact arithmetic: every triangle, and a ray that is moved until
 /// it passes no edge.
 fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
-    let rational = |number: f64| BigRational::from_float(number).expect("finite");
-    let vector = |v: DVec3| v.to_array().map(rational);
-    type V = [BigRational; 3];
-    let minus = |a: &V, b: &V| [&a[0] - &b[0], &a[1] - &b[1], &a[2] - &b[2]];
-    let dot = |a: &V, b: &V| &a[0] * &b[0] + &a[1] * &b[1] + &a[2] * &b[2];
-    let cross = |a: &V, b: &V| {
-        [&a[1] * &b[2] - &a[2] * &b[1], &a[2] * &b[0] - &a[0] * &b[2], &a[0] * &b[1] - &a[1] * &b[0]]
-    };
-    let zero = rational(0.0);
     let o = vector(point);
-    let relative: Vec<[V; 3]> =
+    let relative: Vec<[Vector; 3]> =
         triangles.iter().map(|t| t.map(|corner| minus(&vector(corner.as_dvec3()), &o))).collect();
     for [a, b, c] in &relative {
         let normal = cross(&minus(b, a), &minus(c, a));
-        let inside = |p: &V, q: &V| dot(&normal, &cross(p, q)) >= zero;
-        if dot(&normal, a) == zero && inside(a, b) && inside(b, c) && inside(c, a) {
+        let inside = |p: &Vector, q: &Vector| !dot(&normal, &cross(p, q)).is_negative();
+        if dot(&normal, a).is_zero() && inside(a, b) && inside(b, c) && inside(c, a) {
             return true;
         }
     }
@@ -147,7 +138,7 @@ fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
         let mut crossings = 0;
         for [a, b, c] in &relative {
             let [u, v, w] = [(c, a), (a, b), (b, c)].map(|(p, q)| dot(&d, &cross(p, q)));
-            if u == zero || v == zero || w == zero {
+            if [&u, &v, &w].iter().any(|side| side.is_zero()) {
                 continue 'directions;
             }
             if u.is_positive() == v.is_positive() && v.is_positive() == w.is_positive() {
@@ -161,7 +152,7 @@ fn is_inside(point: DVec3, triangles: &[[Vec3; 3]]) -> bool {
 
 /// `RAYSTREAM_QUERY_POINTS` is the number of points on and near the surface of each shape.
 #[test]
-fn sides_are_those_of_rational_arithmetic() {
+fn sides_are_those_of_exact_arithmetic() {
     let count = long_run("RAYSTREAM_QUERY_POINTS", 250);
     let (mut inside, mut outside) = (0, 0);
     for shape in [cuboid("box", 2), sphere("bumpy", 1, 0.2)] {
