@@ -29,13 +29,13 @@ pub(crate) fn minus(a: &Vector, b: &Vector) -> Vector {
     [&a[0] - &b[0], &a[1] - &b[1], &a[2] - &b[2]]
 }
 
-/// In units of 2⁻¹⁰⁰⁰ times those of both: for signs and quotients.
+/// The cross product, in the product of both units: enough for signs and quotients.
 pub(crate) fn cross(a: &Vector, b: &Vector) -> Vector {
     let part = |i: usize, k: usize| &a[i] * &b[k] - &a[k] * &b[i];
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// In units of 2⁻¹⁰⁰⁰ times those of both, as [`cross`].
+/// The dot product, in the product of both units.
 pub(crate) fn dot(a: &Vector, b: &Vector) -> BigInt {
     &a[0] * &b[0] + &a[1] * &b[1] + &a[2] * &b[2]
 }
