@@ -1,5 +1,5 @@
 //! Loads scene files: Wavefront OBJ with MTL, glTF 2.0 and GLB, PLY, STL, OFF, and recipes ([`super::recipe`],
-//! `.json`). Also loads equirectangular `.hdr` and `.exr` images as [`EnvironmentMap`].
+//! `.json`). Also loads equirectangular `.hdr` and `.exr` images as [`EnvironmentMap`](super::EnvironmentMap).
 //!
 //! A loader returns either a scene that satisfies all invariants of [`Scene`], or one error that names the file and
 //! the place in it. An optional feature that is not supported becomes a sentence in [`Scene::warnings`]. Primitive ids
@@ -49,6 +49,8 @@ mod off;
 mod options;
 mod plain;
 mod ply;
+#[cfg(feature = "formats")]
+mod recipe;
 mod session;
 mod stl;
 mod strokes;
@@ -59,21 +61,17 @@ mod textures;
 mod warnings;
 
 #[cfg(feature = "formats")]
-pub use animated_file::AnimatedFile;
-#[cfg(feature = "formats")]
-pub use environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with};
+pub use self::{
+    animated_file::AnimatedFile,
+    environment::{LARGEST_RADIANCE, OVERFLOWED_RADIANCE, environment, environment_with},
+    texture::texture,
+};
 pub use error::{LoadError, LoadProblem};
 pub use options::LoadOptions;
 pub use plain::scene_of_mesh;
-#[cfg(feature = "formats")]
-pub use texture::texture;
 
-#[cfg(all(doc, feature = "formats"))]
-use super::EnvironmentMap;
 use super::Scene;
 use super::mip_weights::Mipmaps;
-#[cfg(feature = "formats")]
-use super::recipe::{Recipe, RecipeError};
 use crate::memory::OutOfMemory;
 use kind::Kind;
 #[cfg(unix)]
@@ -84,8 +82,6 @@ use std::io::Read;
 #[cfg(unix)]
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-#[cfg(feature = "formats")]
-use std::path::PathBuf;
 
 /// [`load_with`] with the default options.
 ///
@@ -160,7 +156,7 @@ fn scene(session: &mut Session, kind: Kind) -> Result<Scene, LoadProblem> {
         Kind::Stl => stl::load(session),
         Kind::Off => off::load(session),
         #[cfg(feature = "formats")]
-        Kind::Recipe => recipe(session),
+        Kind::Recipe => recipe::load(session),
         #[cfg(not(feature = "formats"))]
         Kind::Gltf | Kind::Recipe => Err(LoadProblem::File {
             path: path.clone(),
@@ -186,24 +182,6 @@ fn finished(mut scene: Scene, session: &Session, mipmaps: &mut Mipmaps) -> Resul
     let fits = session.check("the mipmaps of the textures", scene.mipmap_bytes() + largest);
     fits.map_err(|source| session.over(source))?;
     scene.take_mipmaps(mipmaps);
-    Ok(scene)
-}
-
-/// Loads a recipe and generates its scene.
-#[cfg(feature = "formats")]
-fn recipe(session: &mut Session) -> Result<Scene, LoadProblem> {
-    let path = session.path.clone();
-    let bytes = session.read()?;
-    check_text(&path, &bytes)?;
-    let recipe = Recipe::parse(&String::from_utf8_lossy(&bytes));
-    let scene = recipe.and_then(|recipe| recipe.build_with(session.options.memory));
-    let mut scene = scene.map_err(|error| match error {
-        RecipeError::Memory(source) => LoadProblem::Memory { path, source },
-        error => LoadProblem::File { path, problem: error.to_string() },
-    })?;
-    for warning in std::mem::take(&mut scene.warnings) {
-        session.warnings.add(warning);
-    }
     Ok(scene)
 }
 
@@ -247,20 +225,6 @@ fn read_by_all(file: &File, length: u64) -> Option<Vec<u8>> {
     (file.metadata().ok()?.len() == length as u64).then_some(bytes)
 }
 
-/// Reads the first `most` bytes of a file that a scene names. It must be a regular file: others may never end, or
-/// wait for a writer.
-#[cfg(feature = "formats")]
-fn read_named(path: &Path, most: u64, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
-    let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
-    let about = std::fs::metadata(path).map_err(cannot)?;
-    if !about.is_file() {
-        let kind = if about.is_dir() { "a folder" } else { "a device or a pipe" };
-        let problem = format!("{kind}; what a scene names must be a regular file");
-        return Err(LoadProblem::File { path: path.to_owned(), problem });
-    }
-    contents(path, File::open(path).map_err(cannot)?, about.len(), most, options)
-}
-
 /// The first `most` bytes of a file of `length` bytes, as far as the system knows.
 fn contents(
     path: &Path,
@@ -297,14 +261,7 @@ fn check_text(path: &Path, bytes: &[u8]) -> Result<(), LoadProblem> {
     Err(LoadProblem::File { path: path.to_owned(), problem: problem.into() })
 }
 
-/// Resolves a name in `file` relative to the file's folder. Either slash separates folders.
-#[cfg(feature = "formats")]
-fn beside(file: &Path, name: &str) -> PathBuf {
-    let name = name.replace('\\', "/");
-    file.parent().unwrap_or(Path::new("")).join(name)
-}
-
-#[cfg(all(test, unix, feature = "formats"))]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 

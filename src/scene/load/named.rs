@@ -1,8 +1,28 @@
-//! Finds files by the names that scenes give them.
+//! Finds and reads files by the names that scenes give them.
 
-use super::beside;
+use super::{LoadOptions, LoadProblem, contents};
 use std::borrow::Cow;
+use std::fs::File;
 use std::path::{Path, PathBuf};
+
+/// Resolves a name in `file` relative to the file's folder. Either slash separates folders.
+pub(super) fn beside(file: &Path, name: &str) -> PathBuf {
+    let name = name.replace('\\', "/");
+    file.parent().unwrap_or(Path::new("")).join(name)
+}
+
+/// Reads the first `most` bytes of a file that a scene names. It must be a regular file: others may never end, or
+/// wait for a writer.
+pub(super) fn read(path: &Path, most: u64, options: &LoadOptions) -> Result<Vec<u8>, LoadProblem> {
+    let cannot = |source| LoadProblem::Read { path: path.to_owned(), source };
+    let about = std::fs::metadata(path).map_err(cannot)?;
+    if !about.is_file() {
+        let kind = if about.is_dir() { "a folder" } else { "a device or a pipe" };
+        let problem = format!("{kind}; what a scene names must be a regular file");
+        return Err(LoadProblem::File { path: path.to_owned(), problem });
+    }
+    contents(path, File::open(path).map_err(cannot)?, about.len(), most, options)
+}
 
 /// The file that an OBJ or MTL file names, or `None` if there is none. The name may be quoted, its blanks may be
 /// escaped, a comment may follow it, and its letters may be of another case.

@@ -1,7 +1,5 @@
 //! State that the parts of a loader share while one scene is loaded.
 
-#[cfg(feature = "formats")]
-use super::read_named;
 use super::warnings::Warnings;
 use super::{LoadOptions, LoadProblem, read};
 use crate::memory::OutOfMemory;
@@ -55,7 +53,7 @@ impl Session {
             return Err(LoadProblem::File { path: path.to_owned(), problem: problem.into() });
         }
         self.files.push(path.to_owned());
-        read_named(path, most, &self.options)
+        super::named::read(path, most, &self.options)
     }
 
     /// Counts `bytes` that the scene is about to hold, in addition to all that it holds already. `what` names them.

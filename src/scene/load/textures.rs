@@ -3,7 +3,7 @@
 
 use super::decode::{ImageSize, decode};
 use super::session::Session;
-use super::{LoadProblem, read_named};
+use super::{LoadProblem, named};
 use crate::lanes::for_pairs_mut;
 use crate::memory::OutOfMemory;
 use crate::scene::mip_weights::Mipmaps;
@@ -126,7 +126,7 @@ impl Wanted<'_> {
         let bytes = match (&self.source, self.bytes) {
             (_, Some(bytes)) => Cow::Borrowed(bytes),
             (Source::File(path), None) if session.options.allows(path) => {
-                Cow::Owned(read_named(path, u64::MAX, &session.options).ok()?)
+                Cow::Owned(named::read(path, u64::MAX, &session.options).ok()?)
             }
             _ => return None,
         };

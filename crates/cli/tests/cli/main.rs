@@ -21,6 +21,8 @@ mod shutter;
 mod specs;
 mod tev;
 mod trace;
+#[cfg(feature = "gpu")]
+mod units;
 mod viewer;
 mod views;
 

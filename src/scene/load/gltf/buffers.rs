@@ -1,7 +1,7 @@
 //! Reads the bytes of a glTF document: external files, data URIs, and GLB's binary chunk.
 
 use super::super::session::Session;
-use super::super::{LoadProblem, beside, named};
+use super::super::{LoadProblem, named};
 use super::{draco, meshopt};
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::buffer::{Source, View};
@@ -185,8 +185,8 @@ pub(super) fn locate(file: &Path, uri: &str) -> Result<Location, String> {
     let uri = uri.strip_prefix("file://").unwrap_or(uri);
     let decoded = String::from_utf8_lossy(&percent_decode(uri)).into_owned();
     // Some exporters do not encode. In that case the URI itself is the file name.
-    let unescaped = beside(file, uri);
-    let path = if unescaped.is_file() { unescaped } else { beside(file, &decoded) };
+    let unescaped = named::beside(file, uri);
+    let path = if unescaped.is_file() { unescaped } else { named::beside(file, &decoded) };
     Ok(Location::File(named::in_any_case(&path).unwrap_or(path)))
 }
 

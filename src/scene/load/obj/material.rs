@@ -17,7 +17,7 @@
 mod openpbr;
 
 use super::super::session::Session;
-use super::super::{LoadProblem, beside, named};
+use super::super::{LoadProblem, named};
 use super::mtl::{Definition, Map};
 use crate::scene::load::textures::Textures;
 use crate::scene::{
@@ -317,7 +317,7 @@ impl Converter<'_> {
 
     /// The index of a map's image, and the texture with the map's options.
     fn texture(&mut self, map: &Map, space: ColourSpace) -> Result<(usize, TextureRef), LoadProblem> {
-        let file = named::file(self.path, &map.file).unwrap_or_else(|| beside(self.path, &map.file));
+        let file = named::file(self.path, &map.file).unwrap_or_else(|| named::beside(self.path, &map.file));
         let image = self.textures.file(self.session, &file);
         let image = self.textures.or_stand_in(self.session, image, |problem| LoadProblem::Texture {
             path: self.path.to_owned(),
