@@ -12,7 +12,7 @@ pub(crate) fn power(exponent: i32) -> BigInt {
 }
 
 /// A number that is a multiple of 2⁻¹⁰⁰⁰, as all that have an absolute value above 2⁻⁹⁴⁷ are.
-pub(crate) fn number(x: f64) -> BigInt {
+fn number(x: f64) -> BigInt {
     let (mantissa, exponent, sign) = num_traits::float::FloatCore::integer_decode(x);
     if mantissa == 0 {
         return BigInt::zero();
