@@ -10,6 +10,7 @@ use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, SimdLevel, SingleLane, Vecto
 use crate::scene::{Camera, CameraError, Lens, LensRays, Pinhole, Scene};
 use crate::schedule::SceneId;
 use crate::shade::bsdf::Smoothness;
+use crate::shade::light::Reflectors;
 use crate::shade::{Cone, Lights, LitScene};
 use crate::stream::Ray;
 use std::ops::Range;
@@ -46,6 +47,9 @@ pub struct Frame {
     passable: Option<Arc<Passable>>,
     /// True if clear walls are among these surfaces.
     passes_panes: bool,
+    /// The surfaces in which lamps are sampled, if there are any and the integrator asks for it.
+    reflectors: Option<Arc<Reflectors>>,
+    mirrors_lamps: bool,
 }
 
 impl Frame {
@@ -71,7 +75,7 @@ impl Frame {
         let part = Part::whole(&settings);
         let scene = scene.into();
         let passable = Passable::of(scene.scene(), false).map(Arc::new);
-        let (layers, passes_panes) = (None, false);
+        let (layers, passes_panes, reflectors, mirrors_lamps) = (None, false, None, false);
         Ok(Self {
             scene,
             lens,
@@ -85,6 +89,8 @@ impl Frame {
             layers,
             passable,
             passes_panes,
+            reflectors,
+            mirrors_lamps,
         })
     }
 
@@ -126,11 +132,9 @@ impl Frame {
     /// The same frame of the scene with another appearance ([`LitScene::with_scene`]), with its own film.
     pub fn with_scene(&self, scene: &Arc<Scene>) -> Self {
         let passable = Passable::of(scene, self.passes_panes).map(Arc::new);
-        Self {
-            scene: self.scene.with_scene(Arc::clone(scene)),
-            passable,
-            ..self.with_pass(self.pass.clone())
-        }
+        let scene = self.scene.with_scene(Arc::clone(scene));
+        let reflectors = if self.mirrors_lamps { reflectors(&scene) } else { None };
+        Self { scene, passable, reflectors, ..self.with_pass(self.pass.clone()) }
     }
 
     /// Another pass over the same frame, with its own film, which can be added to this frame's.
@@ -142,7 +146,8 @@ impl Frame {
     /// added to this frame's.
     pub fn exposed(&self, moment: &Self, pass: Pass) -> Self {
         let (scene, passable) = (moment.scene.clone(), moment.passable.clone());
-        Self { scene, lens: moment.lens, passable, ..self.with_pass(pass) }
+        let reflectors = moment.reflectors.clone();
+        Self { scene, lens: moment.lens, passable, reflectors, ..self.with_pass(pass) }
     }
 
     /// The same frame with another film.
@@ -160,6 +165,8 @@ impl Frame {
             layers: self.layers.clone(),
             passable: self.passable.clone(),
             passes_panes: self.passes_panes,
+            reflectors: self.reflectors.clone(),
+            mirrors_lamps: self.mirrors_lamps,
         }
     }
 
@@ -206,6 +213,18 @@ impl Frame {
     pub fn passing_panes(self) -> Self {
         let passable = Passable::of(self.scene.scene(), true).map(Arc::new);
         Self { passable, passes_panes: true, ..self }
+    }
+
+    /// The same frame for an integrator that also samples lamps as they are mirrored by flat smooth surfaces.
+    pub(super) fn mirroring_lamps(self) -> Self {
+        let reflectors = reflectors(&self.scene);
+        Self { reflectors, mirrors_lamps: true, ..self }
+    }
+
+    /// The surfaces in which lamps are sampled, if there are any.
+    #[inline]
+    pub(super) fn reflectors(&self) -> Option<&Reflectors> {
+        self.reflectors.as_deref()
     }
 
     /// `smoothness` for hits on a material, numbered in the scene: it tells whether rays could have passed it.
@@ -385,6 +404,14 @@ impl Frame {
             }
         }
     }
+}
+
+/// The surfaces of a scene in which lamps are sampled.
+fn reflectors(scene: &LitScene) -> Option<Arc<Reflectors>> {
+    if scene.lights().emitters().is_empty() {
+        return None;
+    }
+    Reflectors::of(scene.scene()).map(Arc::new)
 }
 
 /// Some pixels of a pixel block.

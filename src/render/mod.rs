@@ -37,6 +37,7 @@ mod ray_rows;
 mod ray_shader;
 pub mod recursion;
 mod recursive_whitted;
+mod reflected_lamps;
 mod see_through;
 mod sequence;
 mod settings;

@@ -36,7 +36,8 @@ pub struct PathState {
     /// Lowest [`DEPTH_BITS`]: the number of rays before this one. Above them: whether the path has one
     /// channel, and the quantised shading normal of the surface that the ray leaves.
     pub(super) depth: u32,
-    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it.
+    /// Probability density of the ray's direction per solid angle. +∞ if light sampling could not have chosen it;
+    /// negative if it is [`Mirrored`].
     pub(super) pdf: f32,
 }
 
@@ -76,12 +77,55 @@ impl PathState {
 
     /// Probability density of the ray's direction per solid angle; +∞ if light sampling could not have chosen it.
     pub fn pdf(&self) -> f32 {
-        self.pdf
+        if self.pdf.is_sign_negative() {
+            Mirrored::<SingleLane>::of(self.pdf.into()).pdf.get()
+        } else {
+            self.pdf
+        }
     }
 
     /// The ray's cone.
     pub fn cone(&self) -> Cone<SingleLane> {
         Cone::unpack(self.index2_and_cone.into())
+    }
+}
+
+/// What a path keeps of its last scattered direction behind a flat mirror, instead of a density: numbers of 15 bits,
+/// rounded towards 0, below a sign.
+#[derive(Clone, Copy)]
+pub(super) struct Mirrored<L: Lanes> {
+    /// Density of the direction per solid angle, times the chance of being mirrored.
+    pub pdf: Num<L>,
+    /// The way to the mirror.
+    pub before: Num<L>,
+}
+
+impl<L: Lanes> Mirrored<L> {
+    const SIGN: u32 = 1 << 31;
+    const UPPER: u32 = 0x7fff_0000;
+
+    /// Both numbers, rounded.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn new(pdf: Num<L>, before: Num<L>) -> Self {
+        let rounded = |x: Num<L>| (x.to_bits() & Self::UPPER).to_num_bits();
+        Self { pdf: rounded(pdf), before: rounded(before) }
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn of(word: Num<L>) -> Self {
+        let bits = word.to_bits();
+        Self { pdf: (bits & Self::UPPER).to_num_bits(), before: (bits << 16).to_num_bits() }
+    }
+
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn word(self) -> Num<L> {
+        ((self.pdf.to_bits() | Self::SIGN) + (self.before.to_bits() >> 16)).to_num_bits()
+    }
+
+    /// Lanes whose word is that of a mirrored direction.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn is_in(word: Num<L>) -> Mask<L> {
+        !(word.to_bits() & Self::SIGN).is(0)
     }
 }
 

@@ -3,7 +3,8 @@
 use super::dispersion::{ByChannel, OneChannel};
 use super::frame::{CAMERA_DIMENSION, Frame};
 use super::media::Walking;
-use super::path_state::{DEPTH, FACING_SHIFT, ONE_CHANNEL, PathState, SEEKS, States};
+use super::path_state::{DEPTH, FACING_SHIFT, Mirrored, ONE_CHANNEL, PathState, SEEKS, States};
+use super::reflected_lamps::{mirrored, reflected_densities};
 use super::settings::{Settings, SettingsError};
 use super::{CameraSample, Contribution, HitShader, HitShading, NewRays, hits_of, rays_of};
 use crate::geom::Sampler;
@@ -67,7 +68,7 @@ impl PathShader {
 
     /// Light that reaches a pixel by a path of `bounces` bounces, clamped if it is indirect.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn clamped<L: Lanes>(&self, light: Vector<L>, bounces: Int<L>) -> Vector<L> {
+    pub(super) fn clamped<L: Lanes>(&self, light: Vector<L>, bounces: Int<L>) -> Vector<L> {
         let Some(limit) = self.indirect_limit else { return light };
         let brightest = light.max_element();
         let clamps = brightest.above(limit) & !bounces.below(2);
@@ -158,18 +159,20 @@ fn light_sample<L: Lanes>(
 }
 
 /// Hits on a material, numbered in the scene.
-struct Place<'a, L: Lanes> {
-    number: u32,
-    at: &'a Interaction<L>,
-    bsdf: &'a Bsdf<'a, L>,
+pub(super) struct Place<'a, L: Lanes> {
+    pub number: u32,
+    pub at: &'a Interaction<L>,
+    pub bsdf: &'a Bsdf<'a, L>,
     /// The channel of the paths, if the surface is dispersive.
     dispersed: Option<&'a OneChannel>,
+    /// What [`PathState::pdf`] is for rays that the surface mirrors.
+    mirrored: Num<L>,
 }
 
 impl<L: Lanes> Place<'_, L> {
     /// Light that crosses the surface in the lanes of `crosses`, and the lanes whose paths take one channel.
     #[cfg_attr(not(unoptimised), inline(always))]
-    fn dispersed(&self, light: Vector<L>, crosses: Mask<L>, state: &States<L>) -> (Vector<L>, Mask<L>) {
+    pub fn dispersed(&self, light: Vector<L>, crosses: Mask<L>, state: &States<L>) -> (Vector<L>, Mask<L>) {
         let Some(one) = self.dispersed else { return (light, Mask::splat(light.lanes(), false)) };
         let takes = (crosses | !self.at.outside) & state.one_channel.is(0);
         (one.of(light, takes), takes)
@@ -186,11 +189,11 @@ impl HitSource for Batch<'_, PathState> {
 }
 
 /// A batch being shaded.
-struct Shading<'a, 'o> {
-    shader: &'a PathShader,
-    frame: &'a Frame,
+pub(super) struct Shading<'a, 'o> {
+    pub shader: &'a PathShader,
+    pub frame: &'a Frame,
     batch: Batch<'a, PathState>,
-    out: &'a mut Output<'o, PathState, Contribution>,
+    pub out: &'a mut Output<'o, PathState, Contribution>,
 }
 
 impl LaneTask for Shading<'_, '_> {
@@ -257,7 +260,10 @@ impl Shading<'_, '_> {
     #[cfg_attr(not(unoptimised), inline(always))]
     fn sky<L: Lanes>(&self, state: &States<L>, direction: Vector<L>) -> Vector<L> {
         let (radiance, found) = self.frame.lights().sky(direction);
-        let light = state.throughput * radiance * power_heuristic(state.pdf, found);
+        // Light samples find lamps alone by mirrors.
+        let far = Num::splat(found.lanes(), f32::INFINITY);
+        let pdf = Num::select(Mirrored::is_in(state.pdf), far, state.pdf);
+        let light = state.throughput * radiance * power_heuristic(pdf, found);
         self.shader.clamped(light, state.depth)
     }
 
@@ -297,8 +303,8 @@ impl Shading<'_, '_> {
                 let cosine = at.normal.dot(at.wo);
                 let lit = Receiver { position: origin, facing: state.facing };
                 let found = frame.lights().pdf_emitter(&lit, hits.primitive, t * t, cosine);
-                let weight = power_heuristic(state.pdf, found);
-                light = state.throughput * emitted * weight;
+                let (pdf, found) = reflected_densities(frame, &state, (hits.primitive, t, cosine), found);
+                light = state.throughput * emitted * power_heuristic(pdf, found);
             }
         }
         if let Some(emitted) = at.computed_emission(scene, material) {
@@ -321,11 +327,15 @@ impl Shading<'_, '_> {
         let bsdf = Bsdf::new(scene, surface, &at, frame.smoothness(number, Smoothness::IN_MEDIA));
         let sampler = self.sampler(&state);
         let receiver = receiver(frame, &at, || bsdf.is_frosted());
-        let place = Place { number, at: &at, bsdf: &bsdf, dispersed };
+        let mirrored = mirrored(frame, (number, &at, &bsdf), &state, t);
+        let place = Place { number, at: &at, bsdf: &bsdf, dispersed, mirrored };
         state.seeks = self.meet(&place, &state, lanes);
         state.cone = cone;
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&place, &receiver, &state, &sampler, lanes);
+            if let Some(reflectors) = frame.reflectors() {
+                self.sample_reflected_lamp(reflectors, &place, &receiver, &state, &sampler, lanes);
+            }
         }
         let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);
@@ -448,8 +458,8 @@ impl Shading<'_, '_> {
         }
         lanes &= !throughput.is_zero();
         let far = Num::splat(u.lanes(), f32::INFINITY);
-        let pdf = Num::select(specular, far, sample.pdf);
-        let cone = state.cone.scattered(pdf);
+        let cone = state.cone.scattered(Num::select(specular, far, sample.pdf));
+        let pdf = Num::select(specular, Num::select(crosses, far, place.mirrored), sample.pdf);
         let mut next = States { throughput, index2, cone, depth, pdf, ..*state };
         if place.dispersed.is_some() {
             let one_channel = Int::splat(u.lanes(), ONE_CHANNEL);
@@ -509,13 +519,14 @@ impl HitShader for PathShader {
     }
 
     fn shadow_rays_per_ray(&self, frame: &Frame) -> usize {
-        // One towards a light; after the last bounce one to the environment.
+        // One towards a light; after the last bounce one to the environment; one to a lamp's reflection.
         let lights = frame.lights();
-        1 + usize::from(lights.are_sampled() && !lights.environment().is_black())
+        let sky = usize::from(lights.are_sampled() && !lights.environment().is_black());
+        1 + sky + usize::from(frame.reflectors().is_some())
     }
 
     fn prepare(&self, frame: Frame) -> Frame {
-        frame.without_uniform_sky().passing_panes()
+        frame.without_uniform_sky().passing_panes().mirroring_lamps()
     }
 
     fn camera(&self, frame: &Frame) -> impl Fn(u32, u32) -> PathState {

@@ -8,11 +8,12 @@
 //! Shadow rays that meet such a surface are traced on by the scheduler ([`SeeThrough`]). Their payloads tell no sample,
 //! so a number of their line selects the random numbers.
 
+use super::reflected_lamps::reflected_rays;
 use super::{CameraSample, Frame, Passable, hits_of, rays_of};
 use crate::geom::{Sampler, mix_lanes};
 use crate::lanes::{Int, LaneTask, Lanes, Mask, Num, Vector};
 use crate::scene::Scene;
-use crate::schedule::{Batch, SeeThrough};
+use crate::schedule::{Batch, ReflectedRay, SeeThrough};
 use crate::shade::bsdf::Smoothness;
 use crate::shade::{Bsdf, Cone, Interaction, sort};
 use crate::stream::{Hit, MISS, Ray};
@@ -34,9 +35,10 @@ const IS_CAMERA_RAY: u32 = 1;
 const HAS_NO_SAMPLE: u32 = 2;
 
 impl Frame {
-    /// The scene's surfaces that shadow rays may pass, if there are any.
+    /// The scene's surfaces that shadow rays may pass, or that mirror them, if there are any.
     pub(super) fn see_through(&self) -> Option<&dyn SeeThrough> {
-        self.passable().map(|_| self as &dyn SeeThrough)
+        let there = self.passable().is_some() || self.reflectors().is_some();
+        there.then_some(self as &dyn SeeThrough)
     }
 
     /// The rays of a batch that pass the surfaces that they have hit, in ascending order. `sample_of` tells the sample
@@ -106,6 +108,14 @@ impl SeeThrough for Frame {
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32> {
         let Some(passable) = self.passable() else { return Vec::new() };
         self.passed(passable, rays, hits, |_| [0, 0, HAS_NO_SAMPLE])
+    }
+
+    fn reflected(&self, rays: &[Ray], occluded: &[u32]) -> Vec<ReflectedRay> {
+        self.reflectors().map_or_else(Vec::new, |reflectors| reflected_rays(reflectors, rays, occluded))
+    }
+
+    fn is_mirror(&self, ray: &ReflectedRay, hit: &Hit) -> bool {
+        self.reflectors().is_some_and(|reflectors| reflectors.is_on(ray.mirror, hit))
     }
 }
 

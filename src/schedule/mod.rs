@@ -52,7 +52,7 @@ pub use options::{JobOptions, ServiceOptions, Tracers};
 pub use policy::{Choice, Load, Pace, Policy, Rule, Sharing, TaskSize, Turn, Unit, View};
 pub use priority::Priority;
 pub use queries::{QueryError, QueryHandle};
-pub use renderer::{Batch, InPlace, Output, Renderer, SeeThrough};
+pub use renderer::{Batch, InPlace, Output, ReflectedRay, Renderer, SeeThrough};
 pub use report::{
     DEPTHS, Depths, JobReport, Lengths, Progress, RayCounts, TaskKind, TaskRecord, ThreadKind, ThreadReport,
     UnitReport,

@@ -104,7 +104,7 @@ pub trait Renderer: Send + Sync {
     fn shadow(&self, rays: &[Ray], payloads: &[Self::ShadowPayload], occluded: &[u32]);
 }
 
-/// Surfaces that shadow rays may pass.
+/// Surfaces that shadow rays may pass, or that mirror them.
 pub trait SeeThrough {
     /// The shadow rays that are occluded, and may be by such a surface: their places, in ascending order. What others
     /// meet stops them. `occluded[i]` is 1 if `rays[i]` hits anything, else 0.
@@ -118,6 +118,32 @@ pub trait SeeThrough {
     /// The answer about a ray may depend on the ray and its hit alone, so that it is the same in any stream. A ray that
     /// passes comes again with `t_min` behind its hit.
     fn passing(&self, rays: &[Ray], hits: &[Hit]) -> Vec<u32>;
+
+    /// The shadow rays that nothing occludes and that end at a mirror, in ascending order of their places, with their
+    /// ways on. They count as occluded if the mirror is not there, or if something occludes the way on.
+    ///
+    /// The answer about a ray may depend on the ray alone.
+    fn reflected(&self, _rays: &[Ray], _occluded: &[u32]) -> Vec<ReflectedRay> {
+        Vec::new()
+    }
+
+    /// True if a hit of the ray's [`ReflectedRay::probe`] is on its mirror.
+    fn is_mirror(&self, _ray: &ReflectedRay, hit: &Hit) -> bool {
+        !hit.is_miss()
+    }
+}
+
+/// A shadow ray that a mirror sends on.
+#[derive(Clone, Copy, Debug)]
+pub struct ReflectedRay {
+    /// The ray's place among those of [`SeeThrough::reflected`].
+    pub place: u32,
+    /// The mirror's number.
+    pub mirror: u32,
+    /// The ray just before and behind its meeting with the mirror.
+    pub probe: Ray,
+    /// The ray on from the mirror.
+    pub rest: Ray,
 }
 
 /// Tiles of rays that lie in memory already, and from whose hits no others follow. Host threads trace them there where

@@ -5,9 +5,10 @@
 //!
 //! Of shadow rays, traversal answers only that something is hit. Where a renderer has such surfaces, the occluded rays
 //! of a stream are traced once more for what they hit first, all together; the renderer decides which of them pass, and
-//! those go on from just behind their hits until none is left.
+//! those go on from just behind their hits until none is left. A shadow ray may also end at a mirror: if nothing
+//! occludes it, the mirror's place is probed, and the way on from there is traced like another shadow ray.
 
-use super::renderer::{Batch, Output, Renderer, SeeThrough};
+use super::renderer::{Batch, Output, ReflectedRay, Renderer, SeeThrough};
 use crate::stream::{Hit, Ray, TracedRays, Tracer};
 
 /// Emits the rays that pass what they have hit, and shades the others.
@@ -35,8 +36,36 @@ fn behind(ray: &Ray, hit: &Hit) -> Ray {
     Ray { t_min: hit.t.next_up(), ..*ray }
 }
 
-/// Clears the answer of each occluded ray that passes all that it meets.
+/// Clears the answer of each occluded ray that passes all that it meets, and sets those of rays that end at mirrors.
 pub fn trace_on(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
+    pass(surfaces, tracer, rays, occluded);
+    let reflected = surfaces.reflected(rays, occluded);
+    if !reflected.is_empty() {
+        let ways = ways(surfaces, tracer, &reflected);
+        for (ray, occludes) in reflected.iter().zip(ways) {
+            occluded[ray.place as usize] = occludes;
+        }
+    }
+}
+
+/// The answers of rays that end at mirrors: 0 if the mirror is there and nothing occludes the way on, else 1.
+fn ways(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, reflected: &[ReflectedRay]) -> Vec<u32> {
+    let probes: Vec<Ray> = reflected.iter().map(|ray| ray.probe).collect();
+    let mut hits = vec![Hit::NONE; probes.len()];
+    tracer.closest(&probes, &mut hits);
+    let is_there = |i: &usize| surfaces.is_mirror(&reflected[*i], &hits[*i]);
+    let there: Vec<usize> = (0..reflected.len()).filter(is_there).collect();
+    let rest: Vec<Ray> = there.iter().map(|&i| reflected[i].rest).collect();
+    let mut occluded = vec![0; rest.len()];
+    tracer.occluded(&rest, &mut occluded);
+    pass(surfaces, tracer, &rest, &mut occluded);
+    let mut answers = vec![1; reflected.len()];
+    there.iter().zip(occluded).for_each(|(&i, answer)| answers[i] = answer);
+    answers
+}
+
+/// Clears the answer of each occluded ray that passes all that it meets.
+fn pass(surfaces: &dyn SeeThrough, tracer: &dyn Tracer, rays: &[Ray], occluded: &mut [u32]) {
     let met = surfaces.may_meet(rays, occluded);
     let mut left: Vec<usize> = met.iter().map(|&place| place as usize).collect();
     let mut on: Vec<Ray> = left.iter().map(|&i| rays[i]).collect();
@@ -97,6 +126,71 @@ mod tests {
             let passes = |i: &u32| !hits[*i as usize].is_miss() && hits[*i as usize].t < self.passed_below;
             (0..rays.len() as u32).filter(passes).collect()
         }
+    }
+
+    /// A mirror in the plane x = 1 for rays that end at a half, which sends them back. It reaches as far as `width`
+    /// along z.
+    struct Mirror {
+        width: f32,
+        behind: Walls,
+    }
+
+    impl Tracer for Mirror {
+        fn closest(&self, rays: &[Ray], hits: &mut [Hit]) {
+            for (ray, hit) in rays.iter().zip(hits) {
+                let meets = ray.t_min < 1.0 && ray.t_max > 1.0 && ray.origin[2] < self.width;
+                *hit = if meets { Hit { t: 1.0, primitive: 7, ..Hit::NONE } } else { Hit::NONE };
+            }
+        }
+
+        fn occluded(&self, rays: &[Ray], occluded: &mut [u32]) {
+            self.behind.occluded(rays, occluded);
+        }
+    }
+
+    impl SeeThrough for Mirror {
+        fn passing(&self, _: &[Ray], _: &[Hit]) -> Vec<u32> {
+            Vec::new()
+        }
+
+        fn reflected(&self, rays: &[Ray], occluded: &[u32]) -> Vec<ReflectedRay> {
+            let ends = |i: &usize| occluded[*i] == 0 && rays[*i].t_max == 0.5;
+            let way = |i: usize| ReflectedRay {
+                place: i as u32,
+                mirror: 7,
+                probe: Ray { t_min: 0.5, t_max: 1.5, ..rays[i] },
+                rest: Ray { t_max: rays[i].origin[1], ..rays[i] },
+            };
+            (0..rays.len()).filter(ends).map(way).collect()
+        }
+
+        fn is_mirror(&self, ray: &ReflectedRay, hit: &Hit) -> bool {
+            hit.primitive == ray.mirror
+        }
+    }
+
+    #[test]
+    fn rays_that_end_at_mirrors_need_the_mirror_and_the_way_on() {
+        let walls = Walls { last: 1.0, passed_below: 0.0, met_from: 0.0 };
+        let mirror = Mirror { width: 1.0, behind: walls };
+        // The way on is as long as y; the only wall is at 1.
+        let ray = |t_max, y, z| Ray { t_max, ..Ray::new([0.0, y, z], [1.0, 0.0, 0.0]) };
+        let rays = [
+            ray(0.5, 0.9, 0.0),
+            ray(0.5, 2.0, 0.0),
+            ray(0.5, 0.9, 3.0),
+            ray(0.4, 2.0, 3.0),
+            ray(1.5, 0.0, 0.0),
+        ];
+        let mut occluded = vec![0; rays.len()];
+        mirror.occluded(&rays, &mut occluded);
+        assert_eq!(occluded, [0, 0, 0, 0, 1]);
+        trace_on(&mirror, &mirror, &rays, &mut occluded);
+        assert_eq!(
+            occluded,
+            [0, 1, 1, 0, 1],
+            "open, occluded behind, no mirror, no end at one, occluded before"
+        );
     }
 
     fn answers(walls: &Walls, ends: &[f32]) -> Vec<u32> {

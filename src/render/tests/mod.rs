@@ -20,6 +20,7 @@ mod procedural;
 mod progressive;
 mod ray_shader;
 mod recursion;
+mod reflected_lamps;
 mod scattering;
 mod scenes;
 #[cfg(feature = "wgsl")]

@@ -42,7 +42,7 @@ pub use mirror::Mirror;
 pub use of_finish::FinishBsdf;
 pub use openpbr::OpenPbr;
 use pane::Wall;
-pub use pane::{Pane, is_pane};
+pub use pane::{Pane, is_pane, mirrors_evenly};
 pub use principled::Principled;
 pub use scattering::Scattering;
 
@@ -317,6 +317,15 @@ impl<'s, L: Lanes> Bsdf<'s, L> {
             Self::Principled(surface) => wo.lanes().outlined(outlined::Mirroring { surface, wo }),
             Self::Pane(pane) => pane.smooth(wo),
             Self::OpenPbr(surface) => wo.lanes().outlined(openpbr::Mirroring { surface, wo }),
+        }
+    }
+
+    /// The share of light that is mirrored without spread, in each channel, of the light too that passes a pane.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn mirrored_share(&self, wo: Vector<L>) -> Vector<L> {
+        match self {
+            Self::Pane(pane) => pane.mirrored_share(wo),
+            _ => self.smooth(wo).reflection,
         }
     }
 

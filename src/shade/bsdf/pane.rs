@@ -98,6 +98,12 @@ impl<L: Lanes> Pane<L> {
         Sample { weight: sample.weight * self.weight, ..sample }
     }
 
+    /// What the wall mirrors of all light, also of the light of rays that pass.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub(super) fn mirrored_share(&self, wo: Vector<L>) -> Vector<L> {
+        self.wall.smooth(wo).reflection
+    }
+
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn smooth(&self, wo: Vector<L>) -> Smooth<L> {
         let smooth = self.wall.smooth(wo);
@@ -122,10 +128,38 @@ pub fn is_pane(material: &Material) -> bool {
         }
         _ => false,
     };
-    is_clear && material.emission.is_none() && material.normal_map.is_none() && material.medium.is_none()
+    is_clear && is_bare(material)
+}
+
+/// True if a material mirrors light in the same way everywhere, if it does, and lets none into a body.
+pub fn mirrors_evenly(material: &Material) -> bool {
+    let is_even = match &material.surface {
+        Surface::Mirror { reflectance } => reflectance.is_constant(),
+        Surface::Principled(surface) => {
+            is_even(surface) && (surface.thin || surface.transmission.factor == 0.0)
+        }
+        Surface::OpenPbr(surface) => {
+            (surface.thin_walled || surface.transmission_weight.factor == 0.0)
+                && !surface.base_color.vertex
+                && surface.textures().next().is_none()
+        }
+        _ => false,
+    };
+    is_even && is_bare(material)
+}
+
+/// True if a material neither emits light nor bounds a medium, and has no normal map.
+fn is_bare(material: &Material) -> bool {
+    material.emission.is_none() && material.normal_map.is_none() && material.medium.is_none()
 }
 
 fn is_clear(surface: &scene::Principled) -> bool {
+    let roughness = surface.glossiness.map_or(surface.roughness.factor, |glossiness| 1.0 - glossiness.factor);
+    surface.thin && surface.transmission.factor != 0.0 && roughness < MIN_ROUGHNESS && is_even(surface)
+}
+
+/// True if what decides about a surface's mirrored light and its straight light is the same everywhere.
+fn is_even(surface: &scene::Principled) -> bool {
     let is_even = |number: &Scalar| number.texture.is_none();
     let mut numbers = vec![&surface.metallic, &surface.roughness, &surface.specular, &surface.transmission];
     numbers.extend([&surface.clearcoat, &surface.clearcoat_roughness]);
@@ -140,11 +174,7 @@ fn is_clear(surface: &scene::Principled) -> bool {
         numbers.push(&film.strength);
         is_covered_evenly &= film.thickness_texture.is_none();
     }
-    let roughness = surface.glossiness.map_or(surface.roughness.factor, |glossiness| 1.0 - glossiness.factor);
-    surface.thin
-        && surface.transmission.factor != 0.0
-        && roughness < MIN_ROUGHNESS
-        && is_covered_evenly
+    is_covered_evenly
         && numbers.into_iter().all(is_even)
         && colours.into_iter().all(scene::Colour::is_constant)
 }

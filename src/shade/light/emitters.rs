@@ -145,11 +145,36 @@ impl Emitters {
         if u.is_none() {
             x = rest;
         }
+        Some(self.sample_on(scene, to.position, (place, probability), [x, y]))
+    }
+
+    /// Like [`Emitters::sample`] for receivers at `from`, with the triangle chosen by power however many there are. The
+    /// first number of `u2` also chooses the triangle.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    pub fn sample_by_power<L: Lanes>(
+        &self,
+        scene: &Scene,
+        from: Vector<L>,
+        [x, y]: [Num<L>; 2],
+    ) -> Option<EmitterSample<L>> {
+        let (place, probability, rest) = self.table.choose(x)?;
+        Some(self.sample_on(scene, from, (place, probability), [rest, y]))
+    }
+
+    /// Samples points on triangles that were chosen with a probability.
+    #[cfg_attr(not(unoptimised), inline(always))]
+    fn sample_on<L: Lanes>(
+        &self,
+        scene: &Scene,
+        from: Vector<L>,
+        (place, probability): (Int<L>, Num<L>),
+        u2: [Num<L>; 2],
+    ) -> EmitterSample<L> {
         let record = Record::load(&self.records, place);
-        let [v, w] = warp::triangle([x, y]);
+        let [v, w] = warp::triangle(u2);
         let on = vector(&record, 0) * (1.0 - v - w) + vector(&record, 3) * v + vector(&record, 6) * w;
         let normal = vector(&record, 9);
-        let away = to.position - on;
+        let away = from - on;
         let cosine = normal.dot(away);
         let front = cosine.above(0.0);
         let (flags, offset) = (record[15] & FLAGS, (record[15] & !FLAGS).to_num_bits());
@@ -164,7 +189,7 @@ impl Emitters {
         let pdf = probability * distance2 / (cosine * nearness).abs();
         let valid = !radiance.is_zero() & !cosine.is_zero() & pdf.above(0.0) & pdf.is_finite();
         let position = on + normal * offset.copysign(cosine);
-        Some(EmitterSample { valid, position, wi: away * -nearness, radiance, pdf })
+        EmitterSample { valid, position, wi: away * -nearness, radiance, pdf }
     }
 
     /// Chooses emissive triangles for receivers by `u`. Returns their indices among the emitters, their
@@ -223,6 +248,24 @@ impl Emitters {
         distance2: Num<L>,
         cosine: Num<L>,
     ) -> Num<L> {
+        self.pdf_of(primitive, distance2, cosine, |place| self.probability(to, place))
+    }
+
+    /// Density per solid angle with which [`Emitters::sample_by_power`] returns a point of a triangle.
+    #[inline(always)]
+    pub fn pdf_by_power<L: Lanes>(&self, primitive: Int<L>, distance2: Num<L>, cosine: Num<L>) -> Num<L> {
+        self.pdf_of(primitive, distance2, cosine, |place| self.table.probability(place))
+    }
+
+    /// Density per solid angle of points of triangles that are chosen with a probability.
+    #[inline(always)]
+    fn pdf_of<L: Lanes>(
+        &self,
+        primitive: Int<L>,
+        distance2: Num<L>,
+        cosine: Num<L>,
+        probability: impl Fn(Int<L>) -> Num<L>,
+    ) -> Num<L> {
         if self.places.is_empty() {
             return Num::zero(cosine.lanes());
         }
@@ -230,7 +273,7 @@ impl Emitters {
         let there = !place.is(NONE);
         let place = place.at_most(self.records.len() as u32 - 1);
         let area = place.of(&self.areas);
-        (self.probability(to, place) * distance2 / (cosine.abs() * area)).only(there)
+        (probability(place) * distance2 / (cosine.abs() * area)).only(there)
     }
 }
 

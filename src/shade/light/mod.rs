@@ -8,6 +8,7 @@ mod environment;
 mod lit_scene;
 mod punctual;
 mod receiver;
+mod reflectors;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -19,6 +20,7 @@ pub use environment::EnvironmentLight;
 pub use lit_scene::LitScene;
 pub use punctual::Punctual;
 pub use receiver::Receiver;
+pub use reflectors::{ReflectedSample, Reflection, Reflectors};
 pub use tree::LightTree;
 
 use super::{Interaction, SurfaceBounds, sought_materials};
