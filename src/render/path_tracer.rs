@@ -333,9 +333,7 @@ impl Shading<'_, '_> {
         state.cone = cone;
         if !bsdf.is_smooth() && frame.lights().are_sampled() {
             self.sample_light(&place, &receiver, &state, &sampler, lanes);
-            if let Some(reflectors) = frame.reflectors() {
-                self.sample_reflected_lamp(reflectors, &place, &receiver, &state, &sampler, lanes);
-            }
+            self.sample_reflected_lamp(&place, &receiver, &state, &sampler, lanes);
         }
         let state = States { facing: receiver.facing, ..state };
         self.sample_bsdf(&place, &state, &sampler, lanes);

@@ -106,11 +106,10 @@ impl<L: Lanes> OutlinedTask<L> for Reflectance<'_, L> {
 }
 
 impl Shading<'_, '_> {
-    /// Sends a shadow ray to a lamp's reflection.
+    /// Sends a shadow ray to a lamp's reflection, if there are reflectors.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub(super) fn sample_reflected_lamp<L: Lanes>(
         &mut self,
-        reflectors: &Reflectors,
         place: &Place<'_, L>,
         receiver: &Receiver<L>,
         state: &States<L>,
@@ -119,6 +118,7 @@ impl Shading<'_, '_> {
     ) {
         let Place { number, at, bsdf, .. } = *place;
         let (frame, scene, l) = (self.frame, self.frame.scene(), lanes.lanes());
+        let Some(reflectors) = frame.reflectors() else { return };
         // The reflector is a bounce more.
         let lanes = lanes & state.depth.below(frame.settings().max_bounces);
         if lanes.none() {

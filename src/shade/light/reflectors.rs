@@ -224,7 +224,7 @@ impl Reflectors {
         reflectance
     }
 
-    /// Where rays from `origin` with this direction meet the plane of a reflector.
+    /// The multiple of a direction at which rays from `origin` meet the plane of a reflector.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn meeting<L: Lanes>(&self, reflector: Int<L>, origin: Vector<L>, direction: Vector<L>) -> Num<L> {
         let rows: &[u32] = bytemuck::cast_slice(&self.rows);
