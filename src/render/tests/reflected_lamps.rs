@@ -151,6 +151,7 @@ fn reflectors_are_large_flat_smooth_and_even() {
         Material::matte("", Vec3::ONE),
         metal(|s| s.roughness = Scalar::constant(0.3)),
         metal(|s| s.base_colour.vertex = true),
+        metal(|s| (s.roughness, s.clearcoat_roughness) = (Scalar::constant(0.3), Scalar::constant(0.0))),
         metal(|s| (s.transmission, s.thin) = (Scalar::constant(1.0), false)),
         of(Surface::Dielectric { ior: 1.5, transmittance: Vec3::ONE }),
         Material {
@@ -169,6 +170,8 @@ fn reflectors_are_large_flat_smooth_and_even() {
         *corner = middle + (*corner - middle) * 0.02;
     }
     assert!(Reflectors::of(&scene).is_none(), "small");
+    let varnish = |s: &mut crate::scene::Principled| s.clearcoat = Scalar::constant(1.0);
+    assert_eq!(count(principled(varnish)), 1, "a coat over a rough base");
     let mut scene = lit(silver(), 1);
     scene.mesh.normals = vec![Vec3::NEG_Y; scene.mesh.positions.len()];
     assert!(Reflectors::of(&scene).is_some(), "flat");

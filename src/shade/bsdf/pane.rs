@@ -131,21 +131,28 @@ pub fn is_pane(material: &Material) -> bool {
     is_clear && is_bare(material)
 }
 
-/// True if a material mirrors light in the same way everywhere, if it does, and lets none into a body.
+/// True if a material may mirror light without spread, in the same way everywhere, and lets none into a body.
 pub fn mirrors_evenly(material: &Material) -> bool {
-    let is_even = match &material.surface {
+    let is_smooth = |roughness: f32| roughness < MIN_ROUGHNESS;
+    let mirrors = match &material.surface {
         Surface::Mirror { reflectance } => reflectance.is_constant(),
         Surface::Principled(surface) => {
-            is_even(surface) && (surface.thin || surface.transmission.factor == 0.0)
+            let coat = surface.clearcoat.factor != 0.0 && is_smooth(surface.clearcoat_roughness.factor);
+            (coat || is_smooth(roughness(surface)))
+                && (surface.thin || surface.transmission.factor == 0.0)
+                && surface.coats.is_empty()
+                && is_even(surface)
         }
         Surface::OpenPbr(surface) => {
-            (surface.thin_walled || surface.transmission_weight.factor == 0.0)
+            let coat = surface.coat.as_ref().is_some_and(|coat| is_smooth(coat.roughness.factor));
+            (coat || is_smooth(surface.specular_roughness.factor))
+                && (surface.thin_walled || surface.transmission_weight.factor == 0.0)
                 && !surface.base_color.vertex
                 && surface.textures().next().is_none()
         }
         _ => false,
     };
-    is_even && is_bare(material)
+    mirrors && is_bare(material)
 }
 
 /// True if a material neither emits light nor bounds a medium, and has no normal map.
@@ -154,8 +161,15 @@ fn is_bare(material: &Material) -> bool {
 }
 
 fn is_clear(surface: &scene::Principled) -> bool {
-    let roughness = surface.glossiness.map_or(surface.roughness.factor, |glossiness| 1.0 - glossiness.factor);
-    surface.thin && surface.transmission.factor != 0.0 && roughness < MIN_ROUGHNESS && is_even(surface)
+    surface.thin
+        && surface.transmission.factor != 0.0
+        && roughness(surface) < MIN_ROUGHNESS
+        && is_even(surface)
+}
+
+/// Perceptual roughness of an even surface.
+fn roughness(surface: &scene::Principled) -> f32 {
+    surface.glossiness.map_or(surface.roughness.factor, |glossiness| 1.0 - glossiness.factor)
 }
 
 /// True if what decides about a surface's mirrored light and its straight light is the same everywhere.

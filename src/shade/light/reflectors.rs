@@ -21,6 +21,10 @@ const MOST: usize = 8;
 /// The least area of a reflector, as a share of the surface of the scene's bounds.
 const LEAST_AREA: f32 = 1.0 / 512.0;
 
+/// The least area of a reflector's triangles, as a share of the same surface: fine meshes are not looked through plane
+/// by plane.
+const LEAST_TRIANGLE: f32 = 1.0 / (1u32 << 21) as f32;
+
 /// The most that the normals of a reflector differ, and the most that its corners are off its plane, as a share of the
 /// scene's greatest coordinate.
 const FLATNESS: f32 = 1e-4;
@@ -99,15 +103,16 @@ impl Reflectors {
             return None;
         }
         let bounds = scene.bounds();
-        let mut all = planes(scene, &candidates, bounds.max_abs());
-        let least = LEAST_AREA * 2.0 * bounds.half_area();
-        all.retain(|one| one.area >= least && one.reflects(scene));
+        let (surface, extent) = (2.0 * bounds.half_area(), bounds.max_abs());
+        let mut all = planes(scene, &candidates, extent, surface * LEAST_TRIANGLE);
+        all.retain(|one| one.area >= surface * LEAST_AREA && one.reflects(scene));
         all.sort_by(|a, b| b.area.total_cmp(&a.area).then(a.triangles.cmp(&b.triangles)));
         let mut kept: Vec<Reflector> = Vec::new();
         for one in all {
             // A ray tells by the plane at which reflector it ends.
             let is_apart = |other: &Reflector| {
-                one.normal.cross(other.normal).length() > FLATNESS || one.height != other.height
+                one.normal.cross(other.normal).length() > FLATNESS
+                    || (one.height - other.height).abs() > THICKNESS * extent
             };
             if kept.len() < MOST && kept.iter().all(is_apart) {
                 kept.push(one);
@@ -286,8 +291,9 @@ impl Reflector {
     }
 }
 
-/// The triangles of some materials whose corners have one normal, by material and plane.
-fn planes(scene: &Scene, materials: &[bool], extent: f32) -> Vec<Reflector> {
+/// The triangles of some materials that have at least this area and whose corners have one normal, by material and
+/// plane.
+fn planes(scene: &Scene, materials: &[bool], extent: f32, least: f32) -> Vec<Reflector> {
     let mesh = &scene.mesh;
     let mut planes: BTreeMap<(u32, [i32; 4]), Reflector> = BTreeMap::new();
     for (triangle, &material) in (0..).zip(&mesh.materials) {
@@ -296,13 +302,17 @@ fn planes(scene: &Scene, materials: &[bool], extent: f32) -> Vec<Reflector> {
         }
         let corners = mesh.corners(triangle);
         let plane = offset::plane(&corners.map(Vector::from), Vec3::ZERO.into());
+        let area = 0.5 * plane.twice_area.get();
+        if !plane.there.get() || area < least {
+            continue;
+        }
         let mut normal = Vec3::from(plane.normal);
         let is_flat = mesh.normals.is_empty()
             || mesh.triangles[triangle as usize].iter().all(|&corner| {
                 let at_corner = mesh.normals[corner as usize];
                 at_corner.cross(normal).length() <= FLATNESS * at_corner.length()
             });
-        if !plane.there.get() || !is_flat {
+        if !is_flat {
             continue;
         }
         if normal[normal.abs().max_position()] < 0.0 {
@@ -329,7 +339,7 @@ fn planes(scene: &Scene, materials: &[bool], extent: f32) -> Vec<Reflector> {
             bounds.union(Aabb { min: corner - margin, max: corner + margin })
         });
         one.offset = one.offset.max(plane.offset.get());
-        one.area += 0.5 * plane.twice_area.get();
+        one.area += area;
         one.triangles.push(triangle);
     }
     planes.into_values().collect()
