@@ -169,9 +169,9 @@ impl Reflectors {
     ) -> Option<ReflectedSample<L>> {
         let count = self.all.len() as u32;
         let reflector = (u * count as f32).to_int().at_most(count - 1);
-        let rows: &[u32] = bytemuck::cast_slice(&self.rows);
-        let [nx, ny, nz, height, x0, y0, z0, _] = (reflector << 1).rows(rows).map(Int::to_num_bits);
-        let [x1, y1, z1, ..] = ((reflector << 1) + 1).rows::<WORDS>(rows).map(Int::to_num_bits);
+        let rows: &[f32] = self.rows.as_flattened();
+        let [nx, ny, nz, height, x0, y0, z0, _] = (reflector << 1).rows_of(rows);
+        let [x1, y1, z1, ..] = ((reflector << 1) + 1).rows_of::<WORDS>(rows);
         let normal = Vector::new(nx, ny, nz);
         // The receiver's mirror image.
         let image = from - normal * (2.0 * (normal.dot(from) - height));
@@ -232,8 +232,8 @@ impl Reflectors {
     /// The multiple of a direction at which rays from `origin` meet the plane of a reflector.
     #[cfg_attr(not(unoptimised), inline(always))]
     pub fn meeting<L: Lanes>(&self, reflector: Int<L>, origin: Vector<L>, direction: Vector<L>) -> Num<L> {
-        let rows: &[u32] = bytemuck::cast_slice(&self.rows);
-        let [nx, ny, nz, height, ..] = (reflector << 1).rows::<WORDS>(rows).map(Int::to_num_bits);
+        let rows: &[f32] = self.rows.as_flattened();
+        let [nx, ny, nz, height, ..] = (reflector << 1).rows_of::<WORDS>(rows);
         let normal = Vector::new(nx, ny, nz);
         (height - normal.dot(origin)) / normal.dot(direction)
     }
