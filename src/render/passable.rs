@@ -1,7 +1,7 @@
 //! The surfaces of a scene that rays may pass: surfaces of computed opacity, and clear walls.
 
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
-use crate::scene::{Material, Scene, Surface};
+use crate::scene::{Material, Scene};
 use crate::shade::bsdf::is_pane;
 use crate::shade::{SurfaceBounds, sought_materials};
 
@@ -24,7 +24,7 @@ impl Passable {
     /// Those of a scene, with clear walls or without; `None` if it has none.
     pub fn of(scene: &Scene, has_panes: bool) -> Option<Self> {
         let is_pane = |material: &Material| has_panes && is_pane(material);
-        let is_sought = |material: &Material| computes_opacity(scene, material) || is_pane(material);
+        let is_sought = |material: &Material| scene.computes_opacity(material) || is_pane(material);
         let materials = sought_materials(scene, is_sought);
         if !materials.contains(&true) {
             return None;
@@ -55,13 +55,5 @@ impl Passable {
         let Vector { x, y, z } = origin;
         let is_far = x.abs().max(y.abs()).max(z.abs()).above(self.reach);
         is_far | self.bounds.lies_ahead(origin, direction, end)
-    }
-}
-
-/// True if a material computes opacity.
-fn computes_opacity(scene: &Scene, material: &Material) -> bool {
-    match material.surface {
-        Surface::Procedural(index) => scene.procedurals[index as usize].effects().has_opacity,
-        _ => false,
     }
 }

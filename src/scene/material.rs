@@ -85,8 +85,8 @@ pub struct Emission {
     pub radiance: Colour,
     /// True if the back emits too. The front is the side from which the corners are counter-clockwise.
     pub two_sided: bool,
-    /// True if the surface is meant to light others. Light sampling then chooses its triangles. The light of other
-    /// surfaces (KHR_materials_unlit) is seen, and rays find it by chance.
+    /// True if the surface is meant to light others. Light sampling then chooses its triangles, unless their opacity
+    /// is computed. The light of other surfaces (KHR_materials_unlit) is seen, and rays find it by chance.
     pub is_light: bool,
 }
 

@@ -227,33 +227,55 @@ impl Scene {
     /// True if the material of `primitive` has an alpha mode other than opaque. Only such triangles need
     /// [`Scene::alpha_accepts`] during traversal.
     pub fn is_masked(&self, primitive: u32) -> bool {
-        let material = self.mesh.materials[primitive as usize];
-        self.materials[material as usize].alpha.mode.is_masked()
+        self.material_of(primitive).alpha.mode.is_masked()
     }
 
     /// The alpha test: whether a candidate hit on `primitive` at barycentric (`u`, `v`) counts. It is a pure function
     /// of its arguments, so all rays and all units agree. `Mask` compares alpha with the cutoff. `Blend` keeps the
     /// hit with probability alpha, decided by a hash of the arguments.
     pub fn alpha_accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
-        let material = &self.materials[self.mesh.materials[primitive as usize] as usize];
-        let alpha = || {
-            let texel = material.alpha.value.texture.map_or(1.0, |(texture, channel)| {
-                let uv = self.mesh.uv_at(texture.set, primitive, u, v).to_array().map(Num::from);
-                let point = Footprint::point(uv[0].lanes());
-                self.textures[texture.texture as usize].channel(channel, texture.transform(uv), &point).get()
-            });
-            let alpha = material.alpha.value.factor * texel;
-            if material.alpha.vertex { alpha * self.mesh.colour_at(primitive, u, v).w } else { alpha }
-        };
-        match material.alpha.mode {
+        match self.material_of(primitive).alpha.mode {
             AlphaMode::Opaque => true,
-            AlphaMode::Mask { cutoff } => alpha() >= cutoff,
+            AlphaMode::Mask { cutoff } => self.alpha_at(primitive, u, v) >= cutoff,
             AlphaMode::Blend => {
                 let bits = crate::geom::mix(
                     primitive ^ crate::geom::mix(u.to_bits() ^ crate::geom::mix(v.to_bits())),
                 );
-                alpha() > (bits >> 8) as f32 * (1.0 / (1 << 24) as f32)
+                self.alpha_at(primitive, u, v) > (bits >> 8) as f32 * (1.0 / (1 << 24) as f32)
             }
+        }
+    }
+
+    /// The share of candidate hits around a point of `primitive` that [`Scene::alpha_accepts`], 0..=1.
+    pub fn coverage(&self, primitive: u32, u: f32, v: f32) -> f32 {
+        match self.material_of(primitive).alpha.mode {
+            AlphaMode::Opaque => 1.0,
+            AlphaMode::Mask { .. } => f32::from(self.alpha_accepts(primitive, u, v)),
+            AlphaMode::Blend => self.alpha_at(primitive, u, v).clamp(0.0, 1.0),
+        }
+    }
+
+    fn material_of(&self, primitive: u32) -> &Material {
+        &self.materials[self.mesh.materials[primitive as usize] as usize]
+    }
+
+    /// Alpha at a point of a triangle, whatever its alpha mode.
+    fn alpha_at(&self, primitive: u32, u: f32, v: f32) -> f32 {
+        let alpha = &self.material_of(primitive).alpha;
+        let texel = alpha.value.texture.map_or(1.0, |(texture, channel)| {
+            let uv = self.mesh.uv_at(texture.set, primitive, u, v).to_array().map(Num::from);
+            let point = Footprint::point(uv[0].lanes());
+            self.textures[texture.texture as usize].channel(channel, texture.transform(uv), &point).get()
+        });
+        let value = alpha.value.factor * texel;
+        if alpha.vertex { value * self.mesh.colour_at(primitive, u, v).w } else { value }
+    }
+
+    /// True if a material computes opacity.
+    pub(crate) fn computes_opacity(&self, material: &Material) -> bool {
+        match material.surface {
+            Surface::Procedural(index) => self.procedurals[index as usize].effects().has_opacity,
+            _ => false,
         }
     }
 }

@@ -86,6 +86,19 @@ fn appearances_keep_the_tree_and_have_the_bytes_of_fresh_scenes() {
 }
 
 #[test]
+fn lamps_keep_up_with_their_alpha() {
+    let leaf_shines: Change = |s| s.materials[7].emission = s.materials[4].emission;
+    let changes: [Change; 3] = [
+        |s| s.materials[7].alpha.mode = AlphaMode::Blend,
+        |s| s.materials[7].alpha.value.factor = 0.7,
+        |s| s.materials[7].alpha.vertex = false,
+    ];
+    for change in changes {
+        check(leaf_shines, change, true);
+    }
+}
+
+#[test]
 fn the_tree_is_built_anew_if_it_must_be() {
     for change in REBUILDING {
         check(|_| (), change, false);

@@ -1,7 +1,7 @@
 //! Drives a renderer without a scheduler, one tile after the other: the plainest thing that keeps the
 //! renderer's contract.
 
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, Filter};
 use crate::scene::Scene;
 use crate::schedule::{Output, Renderer, pass_or_shade, trace_on};
 use crate::stream::{Hit, Ray, RayArray, TracedRays, Tracer};
@@ -22,8 +22,10 @@ pub struct Counts {
 /// A tracer for a scene.
 pub fn tracer(scene: &Scene) -> CpuTracer {
     let mesh = &scene.mesh;
-    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, |_| false));
-    CpuTracer::new(bvh, None, SimdLevel::detect()).expect("the detected level is available")
+    let is_masked = |triangle| scene.is_masked(triangle);
+    let bvh = Arc::new(Bvh::build(&mesh.positions, &mesh.triangles, is_masked));
+    let filter = scene.masked_materials().contains(&true).then(|| Arc::new(scene.clone()) as Arc<dyn Filter>);
+    CpuTracer::new(bvh, filter, SimdLevel::detect()).expect("the detected level is available")
 }
 
 /// Renders all tiles with batches of at most `batch` rays.

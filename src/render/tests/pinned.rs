@@ -9,26 +9,32 @@ use crate::render::{
     AmbientOcclusion, Integrator, PICTURE_VERSION, PathTracer, ROULETTE_BOUNCES, Settings, SettingsError,
     Whitted,
 };
-use crate::scene::{Environment, Material, Scene};
+use crate::scene::{Alpha, AlphaMode, Environment, Material, Scalar, Scene};
 use glam::Vec3;
 use std::sync::Arc;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Each picture and its hash.
-const PICTURES: [(&str, &str); 8] = [
+const PICTURES: [(&str, &str); 9] = [
     ("path, one of everything", "dd8db8d9916126fc"),
     ("path, one of everything, no roulette", "36ce74fb34fe3104"),
     ("path, a room", "00234d9056ecc72f"),
     ("path, many lamps", "7822c362eab991c2"),
     ("path, an even sky", "f11ef944ef6fa59f"),
     ("path, windows", "038f8a9b3dfd21c2"),
+    ("path, a lamp that covers a half", "d0e935624fd4602b"),
     ("whitted, one of everything", "529520566f80d68b"),
     ("ambient occlusion, a room", "2d53051286a3801f"),
 ];
 
 /// Each picture version and the hash of all of its [`PICTURES`]. Append to it; never change a line.
-const VERSIONS: [(u32, &str); 4] =
-    [(1, "47d5446f07eee961"), (2, "944cd2b4535658d0"), (3, "57436ec8c7e46a72"), (4, "1bb9d4e92b1a4947")];
+const VERSIONS: [(u32, &str); 5] = [
+    (1, "47d5446f07eee961"),
+    (2, "944cd2b4535658d0"),
+    (3, "57436ec8c7e46a72"),
+    (4, "1bb9d4e92b1a4947"),
+    (5, "ec4386af7b6c85c9"),
+];
 
 const SETTINGS: Settings = Settings::new(40, 30).with_spp(8).with_max_bounces(6).with_seed(11);
 
@@ -40,6 +46,15 @@ fn many_lamps() -> Scene {
         let corner = Vec3::new(-1.7 + 0.3 * i as f32, 1.9, -1.5 + 0.1 * i as f32);
         add_quad(&mut scene, corner, Vec3::X * 0.1, Vec3::Z * 0.1, lamp);
     }
+    scene
+}
+
+/// A room whose lamp covers half of what it hides.
+fn half_a_lamp() -> Scene {
+    let mut scene = room();
+    let is_lamp = |material: &&mut Material| material.emission.is_some();
+    let lamp = scene.materials.iter_mut().find(is_lamp).expect("a lamp");
+    lamp.alpha = Alpha { mode: AlphaMode::Blend, value: Scalar::constant(0.5), vertex: false };
     scene
 }
 
@@ -64,7 +79,7 @@ fn hash<I: Integrator + crate::schedule::Renderer>(
 }
 
 /// The pictures' hashes, in the order of [`PICTURES`].
-fn hashes() -> [String; 8] {
+fn hashes() -> [String; 9] {
     let path = |scene: &Scene, roulette| {
         let make = move |scene| PathTracer::new(scene, &camera(), SETTINGS, roulette);
         hash(scene, make, PathTracer::with_simd)
@@ -80,6 +95,7 @@ fn hashes() -> [String; 8] {
         path(&many_lamps(), usual),
         path(&open, usual),
         path(&window(pane(|_| {}), 0.3, 4.0), usual),
+        path(&half_a_lamp(), usual),
         hash(&all, |scene| Whitted::new(scene, &camera(), SETTINGS), Whitted::with_simd),
         hash(
             &room(),

@@ -5,7 +5,7 @@ use crate::geom::warp::lanes as warp;
 use crate::lanes::{Int, Lanes, Mask, Num, Vector};
 use crate::scene::{Emission, Scene, TexturePoint};
 use crate::shade::lookup::{self, luminance};
-use crate::shade::offset;
+use crate::shade::{offset, sought_materials};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -22,15 +22,15 @@ pub struct Emitters {
     /// Areas of the triangles in `records`, and their indices in the scene.
     areas: Vec<f32>,
     primitives: Vec<u32>,
-    /// Emissions of the triangles in `records` whose emission has a texture.
+    /// Emissions of the triangles in `records`.
     emissions: Vec<Emission>,
     table: AliasTable,
     /// Light tree that replaces the table if there are more than [`FEW`] triangles.
     tree: Option<LightTree>,
     /// Index in `records` of each triangle of the scene, or [`NONE`]; empty if no triangle is emissive.
     places: Vec<u32>,
-    /// True if any emission has a texture.
-    has_textures: bool,
+    /// True if any light differs from point to point.
+    varies: bool,
 }
 
 /// An emissive triangle with all data for sampling it, in two rows of eight words.
@@ -40,10 +40,10 @@ struct Record {
     corners: [[f32; 3]; 3],
     /// Normal, as long as the area.
     normal: [f32; 3],
-    /// Radiance of the front, before multiplication by a texture.
+    /// Radiance of the front, unless it differs from point to point.
     radiance: [f32; 3],
     /// Distance from the triangle at which rays towards it end, relative to the area. The two lowest bits are
-    /// [`TWO_SIDED`] and [`TEXTURED`].
+    /// [`TWO_SIDED`] and [`VARYING`].
     offset_and_flags: u32,
 }
 
@@ -52,8 +52,9 @@ const WORDS: usize = 16;
 const _: () = assert!(size_of::<Record>() == WORDS * 4);
 
 const TWO_SIDED: u32 = 1;
-const TEXTURED: u32 = 2;
-const FLAGS: u32 = TWO_SIDED | TEXTURED;
+/// The emission has a texture or vertex colours, or alpha decides where the triangle is.
+const VARYING: u32 = 2;
+const FLAGS: u32 = TWO_SIDED | VARYING;
 const NONE: u32 = u32::MAX;
 
 /// Sampled points of emissive triangles.
@@ -72,11 +73,14 @@ pub struct EmitterSample<L: Lanes> {
 }
 
 impl Emitters {
-    /// The emissive triangles of a scene.
+    /// The emissive triangles of a scene. Those whose opacity is computed are not among them: a sampled point does not
+    /// tell whether rays meet the surface there.
     pub fn new(scene: &Scene) -> Self {
         let mut all = Self::default();
         let mut weights = Vec::new();
-        let emits: Vec<bool> = scene.materials.iter().map(|material| material.emission.is_some()).collect();
+        let passed = materials_of_computed_opacity(scene);
+        let emits: Vec<bool> =
+            scene.materials.iter().zip(passed).map(|(of, passed)| of.emission.is_some() && !passed).collect();
         let all_materials = scene.mesh.materials.iter().enumerate();
         for (primitive, &material) in all_materials.filter(|(_, material)| emits[**material as usize]) {
             let emission = scene.materials[material as usize].emission;
@@ -87,7 +91,7 @@ impl Emitters {
                 if power > 0.0 && power.is_finite() {
                     all.records.push(record);
                     all.areas.push(area);
-                    all.has_textures |= !emission.radiance.is_constant();
+                    all.varies |= record.offset_and_flags & VARYING != 0;
                     all.primitives.push(primitive);
                     all.emissions.push(emission);
                     weights.push(power);
@@ -179,10 +183,9 @@ impl Emitters {
         let front = cosine.above(0.0);
         let (flags, offset) = (record[15] & FLAGS, (record[15] & !FLAGS).to_num_bits());
         let mut radiance = vector(&record, 12).only(front | (flags & TWO_SIDED).is(TWO_SIDED));
-        let textured = (flags & TEXTURED).is(TEXTURED);
-        if self.has_textures && textured.any() {
-            radiance =
-                Vector::select(textured, self.textured(scene, textured, place, [v, w], front), radiance);
+        let varying = (flags & VARYING).is(VARYING);
+        if self.varies && varying.any() {
+            radiance = Vector::select(varying, self.varying(scene, varying, place, [v, w], front), radiance);
         }
         let distance2 = away.length_squared();
         let nearness = 1.0 / distance2.sqrt();
@@ -211,9 +214,9 @@ impl Emitters {
         }
     }
 
-    /// Radiance of textured emitters at points, given by the weights of the second and third corner. Lanes
-    /// are looked up one by one, since textured emitters are few.
-    fn textured<L: Lanes>(
+    /// Radiance of emitters that differ from point to point. The points are given by the weights of the second and
+    /// third corner. Lanes are looked up one by one, since such emitters are few.
+    fn varying<L: Lanes>(
         &self,
         scene: &Scene,
         lanes: Mask<L>,
@@ -284,8 +287,8 @@ impl Record {
         let lanes = corners.map(Vector::from);
         let plane = offset::plane(&lanes, Vec3::ZERO.into());
         let area = 0.5 * plane.twice_area.get();
-        let textured = if emission.radiance.is_constant() { 0 } else { TEXTURED };
-        let flags = textured | if emission.two_sided { TWO_SIDED } else { 0 };
+        let is_even = emission.radiance.is_constant() && !scene.is_masked(primitive);
+        let flags = if is_even { 0 } else { VARYING } | if emission.two_sided { TWO_SIDED } else { 0 };
         let record = Self {
             corners: corners.map(|corner| corner.to_array()),
             normal: (Vec3::from(plane.normal) * area).to_array(),
@@ -324,15 +327,17 @@ fn vector<L: Lanes>(record: &[Int<L>; WORDS], at: usize) -> Vector<L> {
     Vector::new(record[at].to_num_bits(), record[at + 1].to_num_bits(), record[at + 2].to_num_bits())
 }
 
-/// Radiance at a point of a triangle. The point is given by the weights of the second and third corner.
+/// Radiance at a point of a triangle, less what alpha lets pass. The point is given by the weights of the second and
+/// third corner.
 fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32; 2], front: bool) -> Vec3 {
     let point = TexturePoint::on(&scene.mesh, primitive, v, w);
-    lookup::emission(scene, emission, &point, front.into()).into()
+    let radiance: Vec3 = lookup::emission(scene, emission, &point, front.into()).into();
+    radiance * scene.coverage(primitive, v, w)
 }
 
-/// Luminous power: exact for a uniform emission, estimated for a textured one.
+/// Luminous power: exact if it is the same everywhere, else estimated.
 fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
-    let brightness = if emission.radiance.is_constant() {
+    let brightness = if emission.radiance.is_constant() && !scene.is_masked(primitive) {
         luminance(emission.radiance.factor)
     } else {
         let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, primitive, at, true)));
@@ -340,4 +345,9 @@ fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
     };
     let sides = if emission.two_sided { 2.0 } else { 1.0 };
     sides * PI * brightness.max(0.0) * area
+}
+
+/// For each material of a scene, true if it computes opacity, or a part of it does if it is a mix.
+pub(super) fn materials_of_computed_opacity(scene: &Scene) -> Vec<bool> {
+    sought_materials(scene, |material| scene.computes_opacity(material))
 }

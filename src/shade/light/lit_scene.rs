@@ -1,5 +1,6 @@
 //! A scene with its lights.
 
+use super::emitters::materials_of_computed_opacity;
 use super::{Emitters, EnvironmentLight, Lights, Punctual, emitter_bounds};
 use crate::scene::{Emission, Environment, EnvironmentMap, Scene, Texture, TextureRef};
 use std::sync::Arc;
@@ -82,15 +83,19 @@ impl Lights {
     }
 }
 
-/// True if triangles of all materials emit the same light.
+/// True if triangles of all materials emit the same light, and light samples find the same ones.
 fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
-    let emission = |scene: &Scene, index: usize| scene.materials.get(index).and_then(|m| m.emission);
-    let is_equal = |index: usize| match (emission(old, index), emission(new, index)) {
+    let emitting = |scene: &Scene, index: usize| {
+        let material = scene.materials.get(index)?;
+        Some((material.emission?, material.alpha))
+    };
+    let is_equal = |index: usize| match (emitting(old, index), emitting(new, index)) {
         (None, None) => true,
         (Some(a), Some(b)) => {
-            let Emission { radiance, two_sided: _, is_light: _ } = a;
+            let (Emission { radiance, two_sided: _, is_light: _ }, alpha) = a;
+            let of_alpha = alpha.value.texture.map(|(texture, _)| texture);
             a == b
-                && radiance.texture.is_none_or(|TextureRef { texture, .. }| {
+                && radiance.texture.into_iter().chain(of_alpha).all(|TextureRef { texture, .. }| {
                     let texture = texture as usize;
                     have_equal_texels(&old.textures[texture], &new.textures[texture])
                 })
@@ -98,6 +103,7 @@ fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
         _ => false,
     };
     (0..old.materials.len().max(new.materials.len())).all(is_equal)
+        && materials_of_computed_opacity(old) == materials_of_computed_opacity(new)
 }
 
 /// True if lookups in both textures are the same. Equal images at different addresses count as different.

@@ -12,6 +12,8 @@ use crate::stream::Ray;
 use glam::Vec3;
 use std::f32::consts::PI;
 
+mod opacity;
+
 fn look(light: &EnvironmentLight, direction: Vec3) -> (Vec3, f32) {
     let (radiance, pdf) = light.evaluate(Vector::from(direction));
     (radiance.into(), pdf.get())

@@ -73,8 +73,8 @@ fn no_scene_and_wrong_options_are_told_with_their_place() {
     assert!(outside.contains("lies outside of this folder"), "{outside}");
 }
 
-/// Files of commit a67589c9: the beginning of a still, three frames of an animation; and half of the still of commit
-/// 22fbd17, which had other pictures.
+/// Files of a build whose pictures had version 5: the beginning of a still, three frames of an animation; and half of
+/// the still of commit 22fbd17, which had other pictures.
 #[test]
 fn checkpoints_of_a_build_before_go_on_or_are_refused() {
     let folder = folder();
