@@ -287,8 +287,8 @@ impl Record {
         let lanes = corners.map(Vector::from);
         let plane = offset::plane(&lanes, Vec3::ZERO.into());
         let area = 0.5 * plane.twice_area.get();
-        let is_even = emission.radiance.is_constant() && !scene.is_masked(primitive);
-        let flags = if is_even { 0 } else { VARYING } | if emission.two_sided { TWO_SIDED } else { 0 };
+        let flags = if is_even(scene, primitive, emission) { 0 } else { VARYING }
+            | if emission.two_sided { TWO_SIDED } else { 0 };
         let record = Self {
             corners: corners.map(|corner| corner.to_array()),
             normal: (Vec3::from(plane.normal) * area).to_array(),
@@ -335,9 +335,14 @@ fn radiance_at(scene: &Scene, emission: &Emission, primitive: u32, [v, w]: [f32;
     radiance * scene.coverage(primitive, v, w)
 }
 
+/// True if a triangle shines alike at all points.
+fn is_even(scene: &Scene, primitive: u32, emission: &Emission) -> bool {
+    emission.radiance.is_constant() && !scene.is_masked(primitive)
+}
+
 /// Luminous power: exact if it is the same everywhere, else estimated.
 fn power(scene: &Scene, primitive: u32, area: f32, emission: &Emission) -> f32 {
-    let brightness = if emission.radiance.is_constant() && !scene.is_masked(primitive) {
+    let brightness = if is_even(scene, primitive, emission) {
         luminance(emission.radiance.factor)
     } else {
         let probes = PROBES.map(|at| luminance(radiance_at(scene, emission, primitive, at, true)));

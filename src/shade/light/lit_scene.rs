@@ -85,14 +85,15 @@ impl Lights {
 
 /// True if triangles of all materials emit the same light, and light samples find the same ones.
 fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
-    let emitting = |scene: &Scene, index: usize| {
-        let material = scene.materials.get(index)?;
-        Some((material.emission?, material.alpha))
+    let emitting = |scene: &Scene| -> Vec<_> {
+        let of = scene.materials.iter().zip(materials_of_computed_opacity(scene));
+        of.map(|(material, is_passed)| Some((material.emission?, material.alpha, is_passed))).collect()
     };
-    let is_equal = |index: usize| match (emitting(old, index), emitting(new, index)) {
-        (None, None) => true,
-        (Some(a), Some(b)) => {
-            let (Emission { radiance, two_sided: _, is_light: _ }, alpha) = a;
+    let [emitting_before, emitting_now] = [old, new].map(emitting);
+    let is_equal = |index: usize| match [&emitting_before, &emitting_now].map(|of| *of.get(index)?) {
+        [None, None] => true,
+        [Some(a), Some(b)] => {
+            let (Emission { radiance, two_sided: _, is_light: _ }, alpha, _) = a;
             let of_alpha = alpha.value.texture.map(|(texture, _)| texture);
             a == b
                 && radiance.texture.into_iter().chain(of_alpha).all(|TextureRef { texture, .. }| {
@@ -103,7 +104,6 @@ fn have_equal_emission(old: &Scene, new: &Scene) -> bool {
         _ => false,
     };
     (0..old.materials.len().max(new.materials.len())).all(is_equal)
-        && materials_of_computed_opacity(old) == materials_of_computed_opacity(new)
 }
 
 /// True if lookups in both textures are the same. Equal images at different addresses count as different.
